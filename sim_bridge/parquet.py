@@ -1,0 +1,157 @@
+"""Tables to Parquet files and back, atomically and checked.
+
+One file holds one table. Codes are stored as their names, a trace's ego path as rows of kind
+`ego` (object -1, derivatives null), so that any Parquet reader shows something sensible. Schema
+version, content hash and provenance travel in the file's metadata.
+"""
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import polars as pl
+
+from mdkf.tables import Detections, EgoPath, Table, TableError, Trace, Tracks
+
+SCHEMA_VERSION = 1
+EGO = "ego"
+_TABLES: dict[str, type[Table]] = {t.__name__: t for t in (Trace, EgoPath, Detections, Tracks)}
+_KEY = "mdkf"
+_EGO_COLUMNS = ("frame", "x", "y", "z", "yaw")
+
+AnyTable = TypeVar("AnyTable", bound=Table)
+
+
+def write_table(table: Table, path: str | Path) -> None:
+    """Write a table; the file appears whole or not at all. `OSError` names what went wrong."""
+    data = _to_frame(table)
+    if isinstance(table, Trace):
+        ego = _to_frame(table.ego).with_columns(
+            pl.lit(EGO).alias("kind"), pl.lit(-1, dtype=pl.Int64).alias("object_id")
+        )
+        data = pl.concat([data, ego], how="diagonal")
+    header = {
+        "table": type(table).__name__,
+        "schema": SCHEMA_VERSION,
+        "n_frames": table.n_frames,
+        "dt": table.dt,
+        "content_hash": table.content_hash(),
+        "provenance": dict(table.provenance),
+        "diagnostics": list(getattr(table, "diagnostics", ())),
+    }
+    with replacing(Path(path)) as temporary:
+        data.write_parquet(temporary, metadata={_KEY: json.dumps(header, sort_keys=True)})
+
+
+def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
+    """Read a table of the expected type.
+
+    Raises `TableError`, naming the file, where it is missing, truncated, corrupted, written by
+    something else, of another table or schema version, or does not match its content hash.
+    """
+    path = Path(path)
+    header, data = _read(path)
+    if header["schema"] != SCHEMA_VERSION:
+        raise TableError(
+            f"{path}: schema version {header['schema']}, this mdkf reads version {SCHEMA_VERSION}"
+        )
+    if header["table"] != expected.__name__:
+        raise TableError(f"{path}: holds {header['table']}, expected {expected.__name__}")
+    try:
+        table = _from_frame(expected, header, data)
+    except (TableError, KeyError, TypeError, ValueError, pl.exceptions.PolarsError) as error:
+        raise TableError(f"{path}: {_one_line(error)}") from error
+    if table.content_hash() != header["content_hash"]:
+        raise TableError(f"{path}: content does not match its hash; the file was altered")
+    return table
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path` that takes its place when the block ends well.
+
+    Whatever interrupts the block, `path` is either as it was or complete.
+    """
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    os.close(descriptor)
+    temporary = Path(name)
+    try:
+        yield temporary
+        # mkstemp makes files that only their owner reads; results are for sharing.
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _read(path: Path) -> tuple[Mapping[str, Any], pl.DataFrame]:
+    if not path.is_file():
+        raise TableError(f"{path}: no such file")
+    try:
+        header = json.loads(pl.read_parquet_metadata(path)[_KEY])
+        data = pl.read_parquet(path)
+    except KeyError:
+        raise TableError(f"{path}: a Parquet file, but not one of mdkf's tables") from None
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
+        raise TableError(f"{path}: not a readable Parquet file ({_one_line(error)})") from error
+    required = {"table", "schema", "n_frames", "dt", "content_hash", "provenance"}
+    if not isinstance(header, dict) or not required <= header.keys():
+        raise TableError(f"{path}: mdkf's header is incomplete, expected {sorted(required)}")
+    return header, data
+
+
+def _to_frame(table: Table) -> pl.DataFrame:
+    columns: dict[str, pl.Series] = {}
+    for name, array in table.columns().items():
+        names = table.CODED.get(name)
+        values = array if names is None else np.array(names, dtype=np.str_)[array]
+        columns[name] = pl.Series(name, values)
+        if names is not None:
+            columns[name] = columns[name].cast(pl.String)
+    return pl.DataFrame(columns)
+
+
+def _from_frame(kind: type[AnyTable], header: Mapping[str, Any], data: pl.DataFrame) -> AnyTable:
+    common = {
+        "n_frames": int(header["n_frames"]),
+        "dt": float(header["dt"]),
+        "provenance": {str(k): str(v) for k, v in header["provenance"].items()},
+    }
+    others: dict[str, Any] = dict(common)
+    if kind is Trace:
+        ego = data.filter(pl.col("kind") == EGO).select(_EGO_COLUMNS)
+        data = data.filter(pl.col("kind") != EGO)
+        others["ego"] = EgoPath.from_columns(_arrays(EgoPath, ego), **common)
+    if kind is Tracks:
+        diagnostics = header["diagnostics"]
+        others["diagnostics"] = {c: data[c].to_numpy() for c in diagnostics}
+        data = data.drop(diagnostics)
+    return kind.from_columns(_arrays(kind, data), **others)
+
+
+def _arrays(kind: type[Table], data: pl.DataFrame) -> dict[str, Any]:
+    arrays: dict[str, Any] = {}
+    for name in data.columns:
+        column = data[name]
+        if names := kind.CODED.get(name):
+            codes = {n: code for code, n in enumerate(names)}
+            if strange := sorted(set(column.unique()) - codes.keys(), key=str):
+                raise TableError(f"column {name!r} holds {strange[0]!r}, expected one of {names}")
+            column = column.replace_strict(codes, return_dtype=pl.UInt8)
+        arrays[name] = column.to_numpy()
+    return arrays
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__
