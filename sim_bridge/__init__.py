@@ -1,0 +1,22 @@
+"""Simulators and sensors: `simulate` makes a trace of a scenario, `detect` detections of a trace.
+
+`read_table` and `write_table` carry the tables to Parquet files and back.
+"""
+
+from sim_bridge.detect import detect
+from sim_bridge.network_check import SimulationError
+from sim_bridge.parquet import read_table, write_table
+from sim_bridge.profile import ProfileError, load_profile, profile_names
+from sim_bridge.simulate import SeedRefused, simulate
+
+__all__ = [
+    "ProfileError",
+    "SeedRefused",
+    "SimulationError",
+    "detect",
+    "load_profile",
+    "profile_names",
+    "read_table",
+    "simulate",
+    "write_table",
+]

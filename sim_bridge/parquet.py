@@ -123,7 +123,7 @@ def _to_frame(table: Table) -> pl.DataFrame:
 
 
 def _from_frame(kind: type[AnyTable], header: Mapping[str, Any], data: pl.DataFrame) -> AnyTable:
-    common = {
+    common: dict[str, Any] = {
         "n_frames": int(header["n_frames"]),
         "dt": float(header["dt"]),
         "provenance": {str(k): str(v) for k, v in header["provenance"].items()},

@@ -1,0 +1,32 @@
+# Two commands: `make demo` sets everything up and runs the main job, `make test` sets everything
+# up and passes the tests. Both work on a fresh machine with Python 3.11 or newer.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: demo test clean
+
+demo: clean
+	$(MAKE) $(VENV)/bin/python
+	$(INSTALL) .
+	@sh .ci/system-libraries
+	$(BIN)/mdkf run --out out
+
+test: $(VENV)/bin/python
+	$(INSTALL) -e '.[test]'
+	@sh .ci/system-libraries
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -n 2
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "mdkf needs Python 3.11 or newer; set PYTHON=..., e.g. make demo PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+clean:
+	rm -rf $(VENV)

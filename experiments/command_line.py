@@ -1,0 +1,317 @@
+"""The `mdkf` command: every step of the flow, from file to file, and the main job.
+
+Exit status 0 done, 1 the work failed, 2 bad input, 130 interrupted; errors are one line.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import click
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+import mdkf
+import scenarios
+import sim_bridge
+from experiments import run as runs
+from experiments import terminal
+from experiments.occlusion import OcclusionProtocol
+from experiments.report import write_report
+from experiments.score import score as score_tracks
+from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Which filter survives this occlusion, and how sure are we? Simulated traffic with exact"
+    " truth, LiDAR-like detections, CA / IMM / MD filters, scores.",
+)
+
+BAD_INPUT = (
+    scenarios.ScenarioError,
+    sim_bridge.SimulationError,
+    sim_bridge.ProfileError,
+    TableError,
+)
+DEFAULT_SEEDS = 6
+OUT = Path("mdkf-out")
+
+Seed = Annotated[int, typer.Option(help="Seed of the random numbers.", min=0)]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+OutFile = Annotated[Path, typer.Option("--out", help="Parquet file to write.", dir_okay=False)]
+Setting = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scenario; repeatable."),
+]
+Occlusion = Annotated[
+    str,
+    typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
+]
+Detector = Annotated[str, typer.Option(help="A detector profile's name, or its YAML file.")]
+Settings = Annotated[
+    str | None,
+    typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
+]
+GapTruth = Annotated[
+    str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
+]
+
+
+def main() -> NoReturn:
+    """Run the command line; turns bad input into one line and an exit status."""
+    try:
+        app(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as help_text:
+        print(help_text.format_message(), file=sys.stderr)
+        sys.exit(2)
+    except click.ClickException as error:
+        _fail(error.format_message(), 2)
+    except BAD_INPUT as error:
+        _fail(str(error), 2)
+    except runs.RunFailed as error:
+        _fail(str(error), 1)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    sys.exit(0)
+
+
+@app.callback(invoke_without_command=True)
+def _mdkf(
+    show_version: Annotated[
+        bool, typer.Option("--version", help="Print versions and exit.", is_eager=True)
+    ] = False,
+) -> None:
+    if show_version:
+        for package in ("mdkf", "libsumo", "highway-env", "numpy", "numba"):
+            print(package, version(package))
+        raise typer.Exit
+
+
+@app.command(epilog="Example: mdkf run bus_stop --seeds 20 --occlusion mid:20 --out out")
+def run(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SCENARIO]...", help="Names or YAML files; all if none is given."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="How many seeds, from 0.", min=1)] = DEFAULT_SEEDS,
+    filters: Annotated[
+        str, typer.Option(help=f"Comma-separated; known: {', '.join(mdkf.ESTIMATORS)}.")
+    ] = ",".join(runs.FILTERS),
+    occlusion: Occlusion = "mid:20",
+    detector: Detector = "pointrcnn",
+    settings: Settings = None,
+    gap_truth: GapTruth = "keep",
+    out: Annotated[Path, typer.Option(help="Folder for results and report.")] = OUT,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; all cores if not given.", min=1)
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Simulate, detect, occlude, track with each filter, score: a table and a report."""
+    plan = runs.Plan(
+        scenarios=_scenarios(names),
+        seeds=tuple(range(seeds)),
+        filters=_filters(filters),
+        detector=detector,
+        settings=_settings(settings, detector),
+        occlusion=_occlusion(occlusion),
+        gap_truth=_gap_truth(gap_truth),
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("worlds", total=None)
+        results = runs.run(
+            plan, out, workers, lambda done, of: bar.update(task, completed=done, total=of)
+        )
+    for reason in results.refused:
+        console.print(f"refused: {reason}", style="yellow", highlight=False)
+    command = "mdkf " + " ".join(sys.argv[1:])
+    page = write_report(plan, results, out, command)
+    if as_json:
+        document = {
+            "rows": results.table.to_dicts(),
+            "differences": results.differences.to_dicts(),
+            "refused": list(results.refused),
+            "report": str(page),
+        }
+        print(json.dumps(document, allow_nan=False))
+    else:
+        shown = Console(width=max(Console().width, 140))
+        shown.print(terminal.results_table(results.table))
+        shown.print(terminal.difference_table(results.differences))
+        print(f"report: {page}")
+    if results.interrupted:
+        raise KeyboardInterrupt
+
+
+@app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop")
+def list_scenarios(
+    name: Annotated[str | None, typer.Argument(help="A scenario to describe.")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the scenarios, or describe one: its parameters with units and bounds."""
+    chosen = _scenarios([name] if name else None)
+    if as_json:
+        rows = [
+            {
+                "name": scenario.name,
+                "source": scenario.source,
+                "purpose": scenario.purpose,
+                "duration": scenario.duration,
+                "parameters": [asdict(spec) for spec in scenario.parameter_specs],
+            }
+            for scenario in chosen
+        ]
+        print(json.dumps({"rows": rows}))
+    elif name:
+        Console().print(terminal.parameter_table(chosen[0]))
+    else:
+        Console().print(terminal.scenario_table(chosen))
+
+
+@app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
+def simulate(
+    name: Annotated[str, typer.Argument(help="A scenario's name, or its YAML file.")],
+    out: OutFile,
+    seed: Seed = 0,
+    parameters: Setting = None,
+    dt: Annotated[float, typer.Option(help="Time between frames [s].")] = 0.1,
+) -> None:
+    """Simulate a scenario: exact truth of every object in every frame."""
+    with _busy(f"simulating {name}"):
+        trace = sim_bridge.simulate(scenarios.load(name, **_parameters(parameters)), seed, dt)
+    _write(trace, out)
+
+
+@app.command(epilog="Example: mdkf detect trace.parquet --occlusion mid:20 --out seen.parquet")
+def detect(
+    trace: Annotated[Path, typer.Argument(help="A trace's Parquet file.")],
+    out: OutFile,
+    detector: Detector = "pointrcnn",
+    seed: Seed = 0,
+    occlusion: Occlusion = "none",
+) -> None:
+    """Detect a trace's objects; optionally hide some by the occlusion protocol."""
+    protocol = _occlusion(occlusion)
+    detections = sim_bridge.detect(sim_bridge.read_table(trace, Trace), detector, seed)
+    _write(detections if protocol.kind == "none" else protocol.apply(detections), out)
+
+
+@app.command(epilog="Example: mdkf track seen.parquet --filter md --out tracks.parquet")
+def track(
+    detections: Annotated[Path, typer.Argument(help="A detection table's Parquet file.")],
+    out: OutFile,
+    name: Annotated[
+        str, typer.Option("--filter", help=f"One of: {', '.join(mdkf.ESTIMATORS)}.")
+    ] = "md",
+    settings: Settings = None,
+) -> None:
+    """Track detections with one filter."""
+    (chosen,) = _filters(name)
+    table = sim_bridge.read_table(detections, Detections)
+    profile = table.provenance.get("detector", "pointrcnn")
+    _write(Tracker(mdkf.estimator(chosen), _settings(settings, profile)).run(table), out)
+
+
+@app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --json")
+def score(
+    trace: Annotated[Path, typer.Argument(help="A trace's Parquet file.")],
+    tracks: Annotated[Path, typer.Argument(help="A track table's Parquet file.")],
+    gap_truth: GapTruth = "keep",
+    as_json: Json = False,
+) -> None:
+    """Score tracks against the truth; the gaps are read from the tracks' own file."""
+    truth = sim_bridge.read_table(trace, Trace)
+    estimate = sim_bridge.read_table(tracks, Tracks)
+    result = score_tracks(truth, estimate, gap_truth=_gap_truth(gap_truth))
+    summary = {k: None if math.isnan(v) else v for k, v in result.summary().items()}
+    if as_json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        Console().print(terminal.score_table(summary))
+
+
+def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:
+    chosen = tuple(scenarios.load(name) for name in names or scenarios.list())
+    known = [scenario.name for scenario in chosen]
+    if len(set(known)) < len(known):
+        raise typer.BadParameter(f"a scenario is named twice: {', '.join(known)}")
+    return chosen
+
+
+def _filters(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        try:
+            mdkf.estimator(name)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+    return names
+
+
+def _settings(name: str | None, detector: str) -> str:
+    """The tracker's settings: as named, else those of the detector's profile."""
+    profile = sim_bridge.load_profile(detector)
+    chosen = name or profile.name
+    if chosen not in DETECTORS:
+        known = ", ".join(DETECTORS)
+        raise typer.BadParameter(
+            f"no tracker settings for {chosen!r}; choose with --settings one of: {known}"
+        )
+    return chosen
+
+
+def _occlusion(text: str) -> OcclusionProtocol:
+    try:
+        return OcclusionProtocol.parse(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def _gap_truth(text: str) -> Any:
+    if text not in ("keep", "ignore"):
+        raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")
+    return text
+
+
+def _parameters(settings: list[str] | None) -> Mapping[str, float]:
+    """Parameters from NAME=VALUE."""
+    parsed: dict[str, float] = {}
+    for setting in settings or []:
+        name, separator, value = setting.partition("=")
+        try:
+            if not separator:
+                raise ValueError
+            parsed[name] = float(value)
+        except ValueError:
+            raise typer.BadParameter(f"{setting!r}, expected NAME=NUMBER") from None
+    return parsed
+
+
+def _write(table: Trace | Detections | Tracks, out: Path) -> None:
+    sim_bridge.write_table(table, out)
+    print(f"{out}: {table!r}", file=sys.stderr)
+
+
+def _busy(what: str) -> Any:
+    console = Console(stderr=True)
+    return console.status(what) if console.is_terminal else nullcontext()
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    print(f"mdkf: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(status)

@@ -1,0 +1,214 @@
+"""Results into pictures: one gap from above, its errors over time, mean errors over all gaps.
+
+Every function returns a matplotlib figure; `as_svg` makes it a string for a page.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from experiments.statistics import mean_interval
+from mdkf.tables import KINDS, Detections, FloatArray, Trace, Tracks
+
+_COLOURS = {"ca": "#e07b00", "imm": "#2a9d3a", "imm-zero": "#8fce5a", "md": "#1f5fd0"}
+_OTHERS = ("#7b3fb5", "#c2185b", "#00838f", "#6d4c41", "#546e7a")
+_CONTEXT = 30
+"""Frames before and after a gap that the picture shows."""
+
+
+def colours(filters: Sequence[str]) -> dict[str, str]:
+    """A colour for each filter, the same in every figure."""
+    others = [name for name in filters if name not in _COLOURS]
+    spare = {name: _OTHERS[k % len(_OTHERS)] for k, name in enumerate(others)}
+    return {name: _COLOURS.get(name) or spare[name] for name in filters}
+
+
+def as_svg(figure: Figure) -> str:
+    """The figure as an SVG element; equal figures give equal text."""
+    buffer = io.StringIO()
+    settings: Any = {"svg.fonttype": "none", "svg.hashsalt": "mdkf", "font.family": "sans-serif"}
+    with matplotlib.rc_context(settings):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def gap_figure(
+    trace: Trace,
+    detections: Detections,
+    tracks: Mapping[str, Tracks],
+    errors: pl.DataFrame,
+    gap: tuple[int, int, int],
+) -> Figure:
+    """One gap (object, first frame, first frame after it): from above, and error over time.
+
+    errors: rows of `gap_errors` of this gap with a column `filter`.
+    """
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    above, over_time = figure.subplots(1, 2, width_ratios=(1.35, 1))
+    _draw_above(above, trace, detections, tracks, errors, gap)
+    _, start, stop = gap
+    for name, colour in colours(list(tracks)).items():
+        own = errors.filter(pl.col("filter") == name).sort("frame")
+        seconds = (own["frame"].to_numpy() - start) * trace.dt
+        values = own["error"].to_numpy().astype(np.float64)
+        over_time.plot(seconds, values, color=colour, label=name, linewidth=1.8)
+    _finish_time_axis(over_time, (stop - start) * trace.dt)
+    over_time.set_ylabel("distance of the followed track from the object [m]")
+    return figure
+
+
+def mean_error_figure(
+    errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float
+) -> Figure:
+    """Mean error over time around all gaps of exactly `length` frames, one panel a scenario.
+
+    The band is the 95 % interval over seeds of the seeds' means.
+    """
+    exact = errors.filter(
+        (pl.col("gap_stop") - pl.col("gap_start") == length) & pl.col("error").is_not_null()
+    )
+    scenarios = exact["scenario"].unique(maintain_order=True).to_list()
+    figure = Figure(figsize=(5.5 * max(len(scenarios), 1), 4.2), layout="constrained")
+    panels = figure.subplots(1, max(len(scenarios), 1), sharey=True, squeeze=False)[0]
+    for axes, scenario in zip(panels, scenarios, strict=False):
+        own = exact.filter(scenario=scenario)
+        n_gaps = own.select("seed", "object_id").n_unique()
+        for name, colour in colours(filters).items():
+            by_seed = (
+                own.filter(filter=name)
+                .group_by("offset", "seed")
+                .agg(pl.col("error").mean())
+                .sort("offset", "seed")
+            )
+            offsets = by_seed["offset"].unique(maintain_order=True).to_numpy()
+            intervals = [mean_interval(by_seed.filter(offset=k)["error"]) for k in offsets]
+            seconds = offsets * dt
+            mean = [interval.mean for interval in intervals]
+            axes.plot(seconds, mean, color=colour, label=name, linewidth=1.8)
+            low = [interval.low for interval in intervals]
+            high = [interval.high for interval in intervals]
+            axes.fill_between(seconds, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.set_title(f"{scenario}: {n_gaps} gaps", fontsize=10)
+    for axes in panels:
+        _finish_time_axis(axes, length * dt)
+    panels[0].set_ylabel("mean error [m], band: 95 % over seeds")
+    panels[0].legend(frameon=False, fontsize=9, loc="upper left")
+    return figure
+
+
+def _finish_time_axis(axes: Axes, gap_seconds: float) -> None:
+    axes.axvspan(0, gap_seconds, color="#888888", alpha=0.15, linewidth=0)
+    top = axes.get_ylim()[1]
+    axes.set_ylim(0, top)
+    axes.text(
+        *(gap_seconds / 2, 0.985),
+        "no detections",
+        transform=axes.get_xaxis_transform(),
+        ha="center",
+        va="top",
+        fontsize=8,
+    )
+    axes.set_xlabel("time since the gap began [s]")
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_above(
+    axes: Axes,
+    trace: Trace,
+    detections: Detections,
+    tracks: Mapping[str, Tracks],
+    errors: pl.DataFrame,
+    gap: tuple[int, int, int],
+) -> None:
+    object_id, start, stop = gap
+    shown = range(max(start - _CONTEXT, 0), min(stop + _CONTEXT, trace.n_frames))
+    own = trace.rows_of(object_id)
+    own = own[np.isin(trace.frame[own], shown)]
+    middle = (start + stop) // 2
+    _draw_surroundings(axes, trace, object_id, middle)
+    axes.plot(trace.x[own], trace.y[own], color="black", linewidth=1.2, label="truth")
+    seen = detections.rows_of(object_id)
+    seen = seen[np.isin(detections.frame[seen], shown)]
+    removed = (detections.frame[seen] >= start) & (detections.frame[seen] < stop)
+    style = {"s": 14, "linewidths": 0.8, "zorder": 3}
+    x, y = detections.x[seen], detections.y[seen]
+    axes.scatter(x[~removed], y[~removed], color="#444444", label="detections", **style)  # type: ignore[arg-type]
+    hollow = {"facecolors": "none", "edgecolors": "#999999", "label": "removed detections"}
+    axes.scatter(x[removed], y[removed], **hollow, **style)  # type: ignore[arg-type]
+    last = own[trace.frame[own] == min(stop, shown[-1]) - 1]
+    corners = [_corners(trace, row) for row in last]
+    for box in corners:
+        axes.add_patch(Polygon(box, fill=False, linestyle="--", color="black", linewidth=1.2))
+    everything = [np.column_stack([trace.x[own], trace.y[own]]), *corners]
+    for name, colour in colours(list(tracks)).items():
+        followed = errors.filter(pl.col("filter") == name)["track_id"]
+        if followed.is_empty() or followed[0] < 0:
+            continue
+        table = tracks[name]
+        rows = table.rows_of(int(followed[0]))
+        inside = rows[(table.frame[rows] >= start - 1) & (table.frame[rows] < stop)]
+        axes.plot(
+            table.x[inside], table.y[inside], color=colour, marker=".", markersize=4, label=name
+        )
+        for row in inside[-1:]:
+            axes.add_patch(Polygon(_corners(table, row), fill=False, color=colour, linewidth=1.5))
+            everything.append(_corners(table, row))
+    _frame_view(axes, np.concatenate(everything))
+    kind = KINDS[trace.kind[own[0]]]
+    axes.set_title(
+        f"a {kind} in its gap; boxes at the gap's last frame, grey: others at its middle",
+        fontsize=9,
+    )
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+
+
+def _draw_surroundings(axes: Axes, trace: Trace, object_id: int, frame: int) -> None:
+    """All other boxes of a frame, and the sensor."""
+    rows = np.arange(len(trace))[trace.frame_rows(frame)]
+    for row in rows[trace.object_id[rows] != object_id]:
+        large = trace.height[row] > 2.0
+        axes.add_patch(
+            Polygon(_corners(trace, row), color="#9aa3ad" if large else "#d5dade", zorder=0)
+        )
+    ego = trace.ego
+    axes.plot(ego.x[frame], ego.y[frame], marker="^", color="#c62828", markersize=9, zorder=4)
+    axes.annotate(
+        "sensor",
+        (ego.x[frame], ego.y[frame]),
+        textcoords="offset points",
+        xytext=(6, 6),
+        fontsize=8,
+        color="#c62828",
+        annotation_clip=True,
+    )
+
+
+def _frame_view(axes: Axes, points: FloatArray) -> None:
+    """Equal metres on both axes around the points, neither cramped nor a thin strip."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, span = (low + high) / 2, np.maximum((high - low) * 1.15, 12.0) + 4.0
+    span = np.maximum(span, span.max() * np.array([0.6, 0.45]))
+    axes.set_xlim(middle[0] - span[0] / 2, middle[0] + span[0] / 2)
+    axes.set_ylim(middle[1] - span[1] / 2, middle[1] + span[1] / 2)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.grid(alpha=0.25)
+
+
+def _corners(table: Trace | Tracks, row: int) -> FloatArray:
+    """Corners (4, 2) of a row's box [m]."""
+    c, s = np.cos(table.yaw[row]), np.sin(table.yaw[row])
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
+    local = half * (table.length[row], table.width[row])
+    corners: FloatArray = local @ np.array([[c, s], [-s, c]]) + (table.x[row], table.y[row])
+    return corners

@@ -1,0 +1,287 @@
+"""Rows of truth and tracks into a `Sequence`: what the metrics see of one sequence.
+
+Objects and tracks get dense indices, frames become slices of flat arrays, and every frame has a
+matrix of similarities between its objects and its tracks. From bird's-eye centres a distance d [m]
+becomes the similarity max(0, 1 - d / scale).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+CENTRE_SCALE = 2.0
+"""Distance [m] at which two centres stop being similar: 1 m apart is similarity 0.5."""
+
+_SIMILARITY_ROUNDING = 1e-9
+"""An intersection over union of equal boxes may exceed 1 by rounding, not by more than this."""
+
+
+def ratio(numerator: float, denominator: float) -> float:
+    """`numerator / denominator`, or NaN ("no value") if there is nothing to divide by."""
+    return float(numerator) / float(denominator) if denominator else float("nan")
+
+
+class TruthRows(NamedTuple):
+    """Where to find each truth row's similarities, and the truth rows of each object.
+
+    `first_track`, `n_tracks` and `first_entry` have shape (n_truth_rows,): row r is compared with
+    the track rows from `first_track[r]` on, `n_tracks[r]` of them, and their similarities begin at
+    `similarity[first_entry[r]]`. Object o has the rows `by_object[object_start[o] :
+    object_start[o + 1]]`, in time order.
+    """
+
+    first_track: Ints
+    n_tracks: Ints
+    first_entry: Ints
+    by_object: Ints
+    object_start: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Truth and tracks of one sequence as the metrics see them; checked when made.
+
+    Attributes:
+        truth_start: (n_frames + 1,) offsets; frame k has rows truth_start[k]:truth_start[k + 1].
+        truth: (n_truth_rows,) object index, 0..n_objects-1, each used, once per frame at most.
+        track_start: (n_frames + 1,) offsets of the frames into `track`.
+        track: (n_track_rows,) track index, 0..n_tracks-1, each used, once per frame at most.
+        similarity: flat, 0 to 1; the frames' (objects in frame, tracks in frame) matrices in
+            row-major order, one after another.
+        n_objects: number of different objects.
+        n_tracks: number of different tracks.
+
+    Raises:
+        ValueError: if the arrays do not fit each other (see `validate`).
+    """
+
+    truth_start: Ints
+    truth: Ints
+    track_start: Ints
+    track: Ints
+    similarity: Floats
+    n_objects: int
+    n_tracks: int
+
+    def __post_init__(self) -> None:
+        # The kernels do not check bounds, so a Sequence that does not fit must never exist.
+        self.validate()
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames, empty ones included."""
+        return len(self.truth_start) - 1
+
+    @cached_property
+    def similarity_start(self) -> Ints:
+        """(n_frames + 1,) offsets of the frames' matrices into `similarity`."""
+        sizes = np.diff(self.truth_start) * np.diff(self.track_start)
+        return np.concatenate((np.zeros(1, np.int64), np.cumsum(sizes)))
+
+    @cached_property
+    def truth_rows(self) -> TruthRows:
+        """The truth rows as the kernels walk them: object by object, in time order."""
+        frame = np.repeat(np.arange(self.n_frames), np.diff(self.truth_start))
+        n_tracks = np.diff(self.track_start)[frame]
+        place = np.arange(len(self.truth)) - self.truth_start[frame]
+        counts = np.bincount(self.truth, minlength=self.n_objects)
+        return TruthRows(
+            first_track=self.track_start[frame],
+            n_tracks=n_tracks,
+            first_entry=self.similarity_start[frame] + place * n_tracks,
+            by_object=np.argsort(self.truth, kind="stable"),
+            object_start=np.concatenate((np.zeros(1, np.int64), np.cumsum(counts))),
+        )
+
+    @cached_property
+    def track_count(self) -> Ints:
+        """(n_tracks,) number of rows of each track."""
+        return np.bincount(self.track, minlength=self.n_tracks).astype(np.int64)
+
+    def frame_similarity(self, k: int) -> Floats:
+        """Similarities (objects in frame, tracks in frame) of frame `k`, as a view.
+
+        Raises:
+            IndexError: if there is no frame `k`.
+        """
+        if not 0 <= k < self.n_frames:
+            raise IndexError(f"frame {k} is outside 0..{self.n_frames - 1}")
+        entries = self.similarity[self.similarity_start[k] : self.similarity_start[k + 1]]
+        return entries.reshape(
+            int(self.truth_start[k + 1] - self.truth_start[k]),
+            int(self.track_start[k + 1] - self.track_start[k]),
+        )
+
+    def validate(self) -> None:
+        """Check that the arrays fit each other.
+
+        Raises:
+            ValueError: naming the array, what was found and what was expected.
+        """
+        for name in ("truth_start", "truth", "track_start", "track"):
+            _check_array(name, getattr(self, name), np.dtype(np.int64))
+        _check_array("similarity", self.similarity, np.dtype(np.float64))
+        if len(self.truth_start) != len(self.track_start):
+            raise ValueError(
+                f"truth_start has {len(self.truth_start)} offsets and track_start "
+                f"{len(self.track_start)}: expected n_frames + 1 in both"
+            )
+        _check_rows("truth", self.truth_start, self.truth, self.n_objects)
+        _check_rows("track", self.track_start, self.track, self.n_tracks)
+        if len(self.similarity) != self.similarity_start[-1]:
+            raise ValueError(
+                f"similarity has {len(self.similarity)} entries: "
+                f"the frames' matrices need {self.similarity_start[-1]}"
+            )
+        # Written so that NaN fails too.
+        if len(self.similarity) and not (
+            self.similarity.min() >= 0.0 and self.similarity.max() <= 1.0 + _SIMILARITY_ROUNDING
+        ):
+            raise ValueError("similarity must be between 0 and 1 everywhere")
+
+
+def sequence_from_rows(
+    truth_frame: ArrayLike,
+    truth_id: ArrayLike,
+    truth_xy: ArrayLike,
+    track_frame: ArrayLike,
+    track_id: ArrayLike,
+    track_xy: ArrayLike,
+    n_frames: int,
+    scale: float = CENTRE_SCALE,
+) -> Sequence:
+    """Build a `Sequence` whose similarity is that of bird's-eye centres, max(0, 1 - d / scale).
+
+    Rows may come in any order; they are sorted by (frame, id), so that the scores depend on
+    nothing else.
+
+    Args:
+        truth_frame: (n_truth_rows,) frame of each truth row, 0..n_frames-1.
+        truth_id: (n_truth_rows,) any int64, once per frame at most.
+        truth_xy: (n_truth_rows, 2) centres [m].
+        track_frame: (n_track_rows,) as `truth_frame`.
+        track_id: (n_track_rows,) as `truth_id`.
+        track_xy: (n_track_rows, 2) centres [m].
+        n_frames: number of frames, empty ones included.
+        scale: distance [m] from which the similarity is 0.
+
+    Raises:
+        ValueError: unequal lengths, a frame outside the sequence, a position that is not finite,
+            an id twice in one frame (naming frame and id), or a scale that is not positive.
+    """
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"scale must be a positive distance in metres, not {scale}")
+    if n_frames < 0:
+        raise ValueError(f"n_frames must not be negative, not {n_frames}")
+    truth_start, truth, truth_centre, n_objects = _sorted_rows(
+        "truth", truth_frame, truth_id, truth_xy, n_frames
+    )
+    track_start, track, track_centre, n_tracks = _sorted_rows(
+        "track", track_frame, track_id, track_xy, n_frames
+    )
+    similarity = _centre_similarity(truth_start, truth_centre, track_start, track_centre, scale)
+    return Sequence(truth_start, truth, track_start, track, similarity, n_objects, n_tracks)
+
+
+def _sorted_rows(
+    name: str, frame: ArrayLike, identity: ArrayLike, xy: ArrayLike, n_frames: int
+) -> tuple[Ints, Ints, Floats, int]:
+    """Offsets, dense indices, centres and number of ids of one table, sorted by (frame, id)."""
+    frames = _as_int64(f"{name}_frame", frame)
+    ids = _as_int64(f"{name}_id", identity)
+    centres = np.asarray(xy, dtype=np.float64)
+    if len(ids) != len(frames) or (centres.shape != (len(frames), 2) and len(frames)):
+        raise ValueError(
+            f"{name}: {len(frames)} frames, {len(ids)} ids and positions of shape "
+            f"{centres.shape}: expected n, n and (n, 2)"
+        )
+    if len(frames) and not (frames.min() >= 0 and frames.max() < n_frames):
+        bad = frames[(frames < 0) | (frames >= n_frames)][0]
+        raise ValueError(f"{name}: frame {bad} is outside 0..{n_frames - 1}")
+    if not np.isfinite(centres).all():
+        bad = np.flatnonzero(~np.isfinite(centres).all(axis=1))[0]
+        raise ValueError(
+            f"{name}: the position of id {ids[bad]} in frame {frames[bad]} is not finite"
+        )
+    order = np.lexsort((ids, frames))
+    frames, ids = frames[order], ids[order]
+    twice = np.flatnonzero((np.diff(frames) == 0) & (np.diff(ids) == 0))
+    if len(twice):
+        raise ValueError(f"{name}: id {ids[twice[0]]} occurs twice in frame {frames[twice[0]]}")
+    known, index = np.unique(ids, return_inverse=True)
+    start = np.searchsorted(frames, np.arange(n_frames + 1)).astype(np.int64)
+    return start, index.astype(np.int64), centres.reshape(-1, 2)[order], len(known)
+
+
+def _as_int64(name: str, values: ArrayLike) -> Ints:
+    array = np.asarray(values)
+    if array.ndim != 1 or (array.size and not np.can_cast(array.dtype, np.int64, "safe")):
+        raise ValueError(
+            f"{name} must be one-dimensional int64, not {array.dtype} of shape {array.shape}"
+        )
+    return array.astype(np.int64)
+
+
+def _check_array(name: str, array: NDArray[Any], dtype: np.dtype[Any]) -> None:
+    if array.dtype != dtype or array.ndim != 1 or not array.flags.c_contiguous:
+        raise ValueError(
+            f"{name} must be a contiguous one-dimensional {dtype} array, "
+            f"not {array.dtype} of shape {array.shape}"
+        )
+
+
+def _check_rows(name: str, start: Ints, index: Ints, n: int) -> None:
+    if not len(start) or start[0] != 0 or start[-1] != len(index) or (np.diff(start) < 0).any():
+        raise ValueError(f"{name}_start must rise from 0 to the number of rows, {len(index)}")
+    if len(index) and not (index.min() >= 0 and index.max() < n):
+        raise ValueError(
+            f"{name} must be between 0 and {n - 1}: found {index.min()}..{index.max()}"
+        )
+    unused = np.flatnonzero(np.bincount(index, minlength=n) == 0)
+    if len(unused):
+        raise ValueError(f"{name} index {unused[0]} has no row: expected all of 0..{n - 1}")
+    row = _first_repeated_row(start, index, n)
+    if row >= 0:
+        frame = np.searchsorted(start, row, side="right") - 1
+        raise ValueError(f"{name} index {index[row]} occurs twice in frame {frame}")
+
+
+@njit(cache=True)
+def _first_repeated_row(start: Ints, index: Ints, n: int) -> int:
+    last_frame = np.full(n, -1, np.int64)
+    for frame in range(len(start) - 1):
+        for row in range(start[frame], start[frame + 1]):
+            if last_frame[index[row]] == frame:
+                return row
+            last_frame[index[row]] = frame
+    return -1
+
+
+@njit(cache=True)
+def _centre_similarity(
+    truth_start: Ints, truth_xy: Floats, track_start: Ints, track_xy: Floats, scale: float
+) -> Floats:
+    n_entries = 0
+    for frame in range(len(truth_start) - 1):
+        n_entries += (truth_start[frame + 1] - truth_start[frame]) * (
+            track_start[frame + 1] - track_start[frame]
+        )
+    similarity = np.empty(n_entries)
+    entry = 0
+    for frame in range(len(truth_start) - 1):
+        for i in range(truth_start[frame], truth_start[frame + 1]):
+            for j in range(track_start[frame], track_start[frame + 1]):
+                dx = truth_xy[i, 0] - track_xy[j, 0]
+                dy = truth_xy[i, 1] - track_xy[j, 1]
+                similarity[entry] = max(0.0, 1.0 - np.sqrt(dx * dx + dy * dy) / scale)
+                entry += 1
+    return similarity

@@ -1,0 +1,111 @@
+"""How far a track is from its object before, in and after each gap.
+
+The track followed is the one nearest to the object in the last frame before the gap. Its error is
+measured as long as it lives, wherever it goes; that another detection captured it in the gap, that
+it was deleted or never regained its object is told apart from drift.
+"""
+
+import numpy as np
+import polars as pl
+
+from experiments.occlusion import Gaps
+from experiments.population import MATCH_DISTANCE
+from mdkf.tables import REGIMES, Trace, Tracks
+
+WINDOW = 10
+"""Frames before and after a gap that are measured: one second at 10 Hz."""
+
+SCHEMA = {
+    "object_id": pl.Int64,
+    "gap_start": pl.Int64,
+    "gap_stop": pl.Int64,
+    "regime": pl.String,
+    "turning": pl.Boolean,
+    "track_id": pl.Int64,
+    "frame": pl.Int64,
+    "offset": pl.Int64,
+    "phase": pl.String,
+    "error": pl.Float64,
+    "captured": pl.Boolean,
+    "recovered": pl.Boolean,
+}
+"""Columns of `gap_errors`: regime and turning are the truth's at the gap's first frame, offset
+counts frames from it, error is in metres and null where the followed track is gone."""
+
+
+def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
+    """One row for each gap and frame, from `WINDOW` frames before it to `WINDOW` after it.
+
+    A gap whose object no track follows has track_id -1 and no errors. `captured`: in the gap the
+    track took a detection, which cannot be its object's. `recovered`: at the end of the window
+    it is with its object, and has been detected since the gap.
+    """
+    parts = [_one_gap(trace, tracks, gaps, k) for k in range(len(gaps))]
+    return pl.concat([pl.DataFrame(schema=SCHEMA), *(p for p in parts if p is not None)])
+
+
+def drift_gaps(errors: pl.DataFrame) -> pl.DataFrame:
+    """The rows of those gaps in which nothing but drift happened, to any filter.
+
+    errors: `gap_errors` of several filters on the same detections, with a column `filter` (and
+    any that tell worlds apart). A gap stays if every filter followed its object and no filter's
+    track was captured in it, so all filters are compared on the same gaps.
+    """
+    gap = [c for c in ("scenario", "seed", "object_id", "gap_start") if c in errors.columns]
+    free = (pl.col("track_id") >= 0) & ~pl.col("captured")
+    return errors.filter(free.all().over(gap))
+
+
+def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> pl.DataFrame | None:
+    object_id, start, stop = (int(a[k]) for a in (gaps.object_id, gaps.start, gaps.stop))
+    rows = trace.rows_of(object_id)
+    rows = rows[(trace.frame[rows] >= start - WINDOW) & (trace.frame[rows] < stop + WINDOW)]
+    frame = trace.frame[rows]
+    if start not in frame or start - 1 not in frame:
+        return None
+    at_start = rows[np.searchsorted(frame, start)]
+    followed = _followed(trace, tracks, rows[np.searchsorted(frame, start - 1)])
+    error = np.full(len(rows), np.nan)
+    captured = recovered = False
+    if followed >= 0:
+        own = tracks.rows_of(followed)
+        place = np.searchsorted(tracks.frame[own], frame)
+        alive = place < len(own)
+        alive[alive] = tracks.frame[own[place[alive]]] == frame[alive]
+        at = own[place[alive]]
+        error[alive] = np.hypot(
+            tracks.x[at] - trace.x[rows[alive]], tracks.y[at] - trace.y[rows[alive]]
+        )
+        detected = np.zeros(len(rows), dtype=np.bool_)
+        detected[alive] = ~tracks.coasted[at]
+        captured = bool(detected[(frame >= start) & (frame < stop)].any())
+        after = frame >= stop
+        recovered = bool(detected[after].any() and error[-1] < MATCH_DISTANCE)
+    n = len(rows)
+    phase = np.where(frame < start, "before", np.where(frame < stop, "gap", "after"))
+    return pl.DataFrame(
+        {
+            "object_id": np.full(n, object_id),
+            "gap_start": np.full(n, start),
+            "gap_stop": np.full(n, stop),
+            "regime": [REGIMES[trace.regime[at_start]]] * n,
+            "turning": np.full(n, bool(trace.turning[at_start])),
+            "track_id": np.full(n, followed),
+            "frame": frame,
+            "offset": frame - start,
+            "phase": phase,
+            "error": error,
+            "captured": np.full(n, captured),
+            "recovered": np.full(n, recovered),
+        },
+        schema=SCHEMA,
+    ).with_columns(pl.col("error").fill_nan(None))
+
+
+def _followed(trace: Trace, tracks: Tracks, row: int) -> int:
+    """The track nearest to the object of a truth row in its frame, -1 if none is within 2 m."""
+    there = tracks.frame_rows(int(trace.frame[row]))
+    distance = np.hypot(tracks.x[there] - trace.x[row], tracks.y[there] - trace.y[row])
+    if not len(distance) or distance.min() >= MATCH_DISTANCE:
+        return -1
+    return int(tracks.track_id[there][np.argmin(distance)])

@@ -1,0 +1,171 @@
+"""The results of a run into one self-contained HTML page: tables, and pictures of gaps."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+from experiments import figures
+from experiments.phases import drift_gaps
+from experiments.run import Plan, Results, kept_folder
+from experiments.statistics import mean_interval
+from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
+from mdkf.tables import REGIMES, Detections, Trace, Tracks
+from sim_bridge import read_table
+from sim_bridge.parquet import replacing
+
+NAME = "report.html"
+DT = 0.1
+"""Time between the frames of a run [s]."""
+
+
+def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
+    """Write `report.html` into `out` and return its path; needs no network to be read."""
+    environment = Environment(
+        loader=PackageLoader("experiments", "."),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    drawn = drawn_filters(plan.filters)
+    drift = drift_gaps(results.errors)
+    page = environment.get_template("report.html.j2").render(
+        plan=plan,
+        command=command,
+        seeds=len(plan.seeds),
+        refused=results.refused,
+        interrupted=results.interrupted,
+        headings=[heading for _, heading, _, _ in COLUMNS],
+        groups=_result_groups(results.table),
+        differences=paired_rows(results.differences),
+        difference_headings=DIFFERENCES,
+        regimes=_regime_rows(drift, drawn),
+        drawn=drawn,
+        mean_figure=_svg(figures.mean_error_figure(drift, drawn, plan.occlusion.length, DT))
+        if len(drift)
+        else None,
+        gaps=_gap_pictures(plan, results, out, drawn),
+    )
+    path = out / NAME
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
+
+
+def drawn_filters(filters: tuple[str, ...]) -> list[str]:
+    """The filters in the pictures: those with RobMOT's start, or all if there are none."""
+    return [name for name in filters if not name.endswith("-retuned")] or list(filters)
+
+
+def _svg(figure: Any) -> Markup:
+    return Markup(figures.as_svg(figure))
+
+
+def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
+    """Scenarios with their rows of formatted cells; the best of each column is marked."""
+    groups = []
+    for (scenario,), group in table.group_by("scenario", maintain_order=True):
+        rows = group.to_dicts()
+        leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
+        lines = [
+            {
+                "filter": row["filter"],
+                "cells": [
+                    {
+                        "text": format_value(row, column, decimals),
+                        "best": row[column] is not None and row[column] == leaders[column],
+                    }
+                    for column, _, decimals, _ in COLUMNS
+                ],
+            }
+            for row in rows
+        ]
+        gaps = sum(row["followed"] * row["seeds"] for row in rows[:1])
+        groups.append(
+            {"scenario": scenario, "seeds": rows[0]["seeds"], "gaps": round(gaps), "lines": lines}
+        )
+    return groups
+
+
+def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any]]:
+    """Mean drift by the object's true regime when the gap begins."""
+    followed = errors.filter(pl.col("phase") == "gap")
+    rows = []
+    for regime in REGIMES:
+        own = followed.filter(regime=regime)
+        if own.is_empty():
+            continue
+        gaps = own.filter(filter=filters[0]).select("scenario", "seed", "object_id").n_unique()
+        cells = [_regime_cell(own.filter(filter=name)) for name in filters]
+        least = min(cell["value"] for cell in cells)
+        rows.append(
+            {
+                "regime": regime.replace("_", " "),
+                "gaps": gaps,
+                "cells": [{**cell, "best": cell["value"] == least} for cell in cells],
+            }
+        )
+    return rows
+
+
+def _regime_cell(errors: pl.DataFrame) -> dict[str, Any]:
+    """One filter's errors in one regime: mean over seeds, and median over all frames."""
+    by_seed = errors.group_by("seed").agg(pl.col("error").mean())["error"].drop_nulls()
+    interval = mean_interval(by_seed)
+    half = interval.high - interval.mean
+    return {
+        "value": interval.mean,
+        "mean": f"{interval.mean:.2f}" + (f" ±{half:.2f}" if interval.n > 1 else ""),
+        "median": f"{np.median(errors['error'].drop_nulls()):.2f}",
+    }
+
+
+def _gap_pictures(
+    plan: Plan, results: Results, out: Path, filters: list[str]
+) -> list[dict[str, Any]]:
+    """For the first seed of each scenario the gap nearest to the sensor, of a standing and of a
+    moving object, captured tracks left out. The choice looks at no filter's error."""
+    pictures = []
+    for scenario in plan.scenarios:
+        folder = kept_folder(out, scenario.name, plan.seeds[0])
+        own = drift_gaps(results.errors).filter(scenario=scenario.name, seed=plan.seeds[0])
+        if own.is_empty() or not folder.is_dir():
+            continue
+        trace = read_table(folder / "trace.parquet", Trace)
+        detections = read_table(folder / "detections.parquet", Detections)
+        tracks = {name: read_table(folder / f"tracks-{name}.parquet", Tracks) for name in filters}
+        distance = trace.sensor_distance()
+        for label, standing in (("standing", True), ("moving", False)):
+            gap = _nearest_gap(trace, distance, own, standing)
+            if gap is None:
+                continue
+            errors = own.filter(object_id=gap[0], gap_start=gap[1])
+            figure = figures.gap_figure(trace, detections, tracks, errors, gap)
+            pictures.append(
+                {
+                    "scenario": scenario.name,
+                    "label": label,
+                    "object_id": gap[0],
+                    "seed": plan.seeds[0],
+                    "svg": _svg(figure),
+                }
+            )
+    return pictures
+
+
+def _nearest_gap(
+    trace: Trace, distance: Any, errors: pl.DataFrame, standing: bool
+) -> tuple[int, int, int] | None:
+    """The gap (object, start, stop) whose object is nearest to the sensor as it begins."""
+    of_kind = (pl.col("regime") == "stationary") == standing
+    gaps = errors.filter(of_kind).select("object_id", "gap_start", "gap_stop").unique()
+    found = []
+    for object_id, start, stop in gaps.sort("object_id").iter_rows():
+        rows = trace.rows_of(object_id)
+        row = rows[trace.frame[rows] == start]
+        found.append((float(distance[row[0]]), object_id, start, stop))
+    return min(found)[1:] if found else None

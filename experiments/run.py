@@ -1,0 +1,217 @@
+"""The main job: many worlds on a process pool, gathered into one table of results.
+
+Files in the output folder: `results.parquet` (a row for each scenario and filter: what the table
+shows), `worlds.parquet` (a row for each scenario, seed and filter), `errors.parquet` (a row for
+each filter, gap and frame), `worlds/SCENARIO-SEED/` (the tables behind the pictures).
+"""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+import mdkf
+from experiments.occlusion import OcclusionProtocol
+from experiments.population import GapTruth
+from experiments.statistics import mean_interval
+from experiments.world import Outcome, World, run_world
+from scenarios import Scenario
+from sim_bridge.parquet import replacing
+
+_ROBMOT = ("ca", "imm", "imm-zero", "md")
+FILTERS = _ROBMOT + tuple(f"{name}-retuned" for name in _ROBMOT)
+"""What is compared unless told otherwise: every estimator with RobMOT's start variance and with
+the retuned one, both ways of mixing for IMM."""
+
+INTERVALS = ("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift")
+"""Scores that get a 95 % interval over the seeds."""
+
+SUBJECT = "md"
+"""The filter under test: all others are its opponents."""
+
+
+class RunFailed(RuntimeError):
+    """The work failed, not the input; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that decides the results of a run."""
+
+    scenarios: tuple[Scenario, ...]
+    seeds: tuple[int, ...]
+    filters: tuple[str, ...]
+    detector: str
+    settings: str
+    occlusion: OcclusionProtocol
+    gap_truth: GapTruth = "keep"
+
+    def worlds(self, out: Path) -> list[World]:
+        """One world for each seed and scenario; the first of each scenario keeps its tables."""
+        return [
+            World(
+                scenario,
+                seed,
+                self.filters,
+                self.detector,
+                self.settings,
+                self.occlusion,
+                self.gap_truth,
+                keep=kept_folder(out, scenario.name, seed) if seed == self.seeds[0] else None,
+            )
+            for seed in self.seeds
+            for scenario in self.scenarios
+        ]
+
+
+@dataclass(frozen=True)
+class Results:
+    """The gathered results: tables as written to the files, reasons of refused seeds."""
+
+    table: pl.DataFrame
+    differences: pl.DataFrame
+    worlds: pl.DataFrame
+    errors: pl.DataFrame
+    refused: tuple[str, ...]
+    interrupted: bool
+
+
+def kept_folder(out: Path, scenario: str, seed: int) -> Path:
+    """Where a world's tables are kept."""
+    return out / "worlds" / f"{scenario}-{seed}"
+
+
+def run(
+    plan: Plan,
+    out: Path,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> Results:
+    """Run a plan and write its files to `out`.
+
+    workers: processes, the machine's cores if None; 1 runs in this process. `progress` is told
+    how many worlds are done. Ctrl-C finishes the worlds under way and gathers what there is.
+
+    Raises `RunFailed` if a worker died or no world could be simulated, `ValueError` for bad
+    input that only simulation shows.
+    """
+    worlds = plan.worlds(out)
+    outcomes: list[Outcome] = []
+    interrupted = False
+    try:
+        for outcome in _outcomes(worlds, workers or len(os.sched_getaffinity(0))):
+            outcomes.append(outcome)
+            progress(len(outcomes), len(worlds))
+    except KeyboardInterrupt:
+        interrupted = True
+    outcomes.sort(key=lambda outcome: (outcome.scenario, outcome.seed))
+    rows = [row for outcome in outcomes for row in outcome.rows]
+    refused = tuple(outcome.refused for outcome in outcomes if outcome.refused)
+    if not rows:
+        raise RunFailed("interrupted before a world was done" if interrupted else refused[0])
+    per_world = pl.DataFrame(rows)
+    results = Results(
+        _summarise(per_world, plan),
+        _differences(per_world),
+        per_world,
+        pl.concat([outcome.errors for outcome in outcomes if outcome.rows]),
+        refused,
+        interrupted,
+    )
+    for name, table in (
+        ("results", results.table),
+        ("differences", results.differences),
+        ("worlds", results.worlds),
+        ("errors", results.errors),
+    ):
+        with replacing(out / f"{name}.parquet") as temporary:
+            table.write_parquet(temporary)
+    return results
+
+
+def _outcomes(worlds: Sequence[World], workers: int) -> Iterator[Outcome]:
+    """Outcomes as they come; on Ctrl-C those of the worlds under way, then the interrupt."""
+    if workers == 1:
+        yield from map(run_world, worlds)
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(workers, len(worlds)), context, initializer=_ignore_interrupt)
+    futures = [pool.submit(run_world, world) for world in worlds]
+    told: set[Future[Outcome]] = set()
+    try:
+        for future in as_completed(futures):
+            told.add(future)
+            yield future.result()
+    except BrokenProcessPool:
+        raise RunFailed("a worker process died (killed, or out of memory)") from None
+    except KeyboardInterrupt:
+        pool.shutdown(cancel_futures=True)
+        for future in futures:
+            if future not in told and not future.cancelled() and future.exception() is None:
+                yield future.result()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupt() -> None:
+    """Ctrl-C reaches the whole process group; only the parent acts on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _summarise(per_world: pl.DataFrame, plan: Plan) -> pl.DataFrame:
+    """A row for each scenario and filter: means over seeds, with intervals."""
+    rows = []
+    for scenario in plan.scenarios:
+        for name in plan.filters:
+            own = per_world.filter(scenario=scenario.name, filter=name)
+            if own.is_empty():
+                continue
+            row: dict[str, Any] = {"scenario": scenario.name, "filter": name, "seeds": len(own)}
+            for column in own.columns[3:]:
+                interval = mean_interval(own[column])
+                row[column] = interval.mean
+                if column in INTERVALS:
+                    row[f"{column}_low"], row[f"{column}_high"] = interval.low, interval.high
+            built = mdkf.ESTIMATORS[name]
+            row["start_speed_variance"] = float(getattr(built, "start_variance", (0, np.nan))[1])
+            row |= {"occlusion": str(plan.occlusion), "gap_truth": plan.gap_truth}
+            row |= {"detector": plan.detector, "estimator": repr(built)}
+            rows.append(row)
+    return pl.DataFrame(rows).with_columns(pl.col(pl.Float64).fill_nan(None))
+
+
+def _differences(per_world: pl.DataFrame) -> pl.DataFrame:
+    """Paired differences over seeds, subject minus opponent, of the same start variance.
+
+    Negative errors favour the subject, negative scores the opponent.
+    """
+    rows = []
+    names = per_world["filter"].unique(maintain_order=True).to_list()
+    for scenario in per_world["scenario"].unique(maintain_order=True):
+        for opponent in names:
+            start = "-retuned" if opponent.endswith("-retuned") else ""
+            subject = SUBJECT + start
+            if subject not in names or opponent == subject:
+                continue
+            a = per_world.filter(scenario=scenario, filter=subject).sort("seed")
+            b = per_world.filter(scenario=scenario, filter=opponent).sort("seed")
+            for metric in INTERVALS:
+                interval = mean_interval((a[metric] - b[metric]).to_numpy())
+                which = {"scenario": scenario, "filter": subject, "against": opponent}
+                values = {"difference": interval.mean, "low": interval.low, "high": interval.high}
+                rows.append({**which, "metric": metric, **values, "seeds": interval.n})
+    schema: dict[str, type[pl.DataType]] = dict.fromkeys(
+        ("scenario", "filter", "against", "metric"), pl.String
+    )
+    schema |= dict.fromkeys(("difference", "low", "high"), pl.Float64)
+    schema["seeds"] = pl.Int64
+    return pl.DataFrame(rows, schema=schema).with_columns(pl.col(pl.Float64).fill_nan(None))

@@ -1,0 +1,36 @@
+"""Values of several seeds into a mean and its 95 % interval."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean with its 95 % interval and the number of values behind it.
+
+    low and high are NaN with fewer than two values, all three with none.
+    """
+
+    mean: float
+    low: float
+    high: float
+    n: int
+
+
+def mean_interval(values: ArrayLike) -> Interval:
+    """Mean of independent values with Student's t interval; NaN ("no value") is left out."""
+    given = np.asarray(values, dtype=np.float64)
+    kept = given[np.isfinite(given)]
+    n = len(kept)
+    if n == 0:
+        return Interval(float("nan"), float("nan"), float("nan"), 0)
+    mean = float(kept.mean())
+    if n == 1:
+        return Interval(mean, float("nan"), float("nan"), 1)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * stats.sem(kept))
+    return Interval(mean, mean - half, mean + half, n)

@@ -1,0 +1,139 @@
+"""Results as tables on a terminal."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import polars as pl
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from scenarios import Scenario
+
+COLUMNS = (
+    # column, heading, decimals, whether smaller is better
+    ("hota", "HOTA %", 1, False),
+    ("mota", "MOTA %", 1, False),
+    ("idf1", "IDF1 %", 1, False),
+    ("idsw", "IDSW", 1, True),
+    ("error_before", "before [m]", 2, True),
+    ("error_gap", "gap [m]", 2, True),
+    ("error_after", "after [m]", 2, True),
+    ("drift", "drift [m]", 2, True),
+    ("captured", "capt. %", 0, True),
+    ("lost", "lost %", 0, True),
+    ("ms_per_frame", "ms/frame", 2, True),
+)
+"""What a table of results shows."""
+
+
+def format_value(row: Mapping[str, Any], column: str, decimals: int) -> str:
+    """A mean, with half the width of its 95 % interval where there is one."""
+    value = row[column]
+    if value is None:
+        return "–"
+    text = f"{value:.{decimals}f}"
+    high = row.get(f"{column}_high")
+    return text if high is None else f"{text} ±{high - value:.{decimals}f}"
+
+
+def best(rows: Iterable[Mapping[str, Any]], column: str, smaller: bool) -> float | None:
+    """The best value of a column, None if there is none."""
+    values = [row[column] for row in rows if row[column] is not None]
+    return (min if smaller else max)(values) if values else None
+
+
+def results_table(results: pl.DataFrame) -> Table:
+    """Scores by scenario and filter, best in bold."""
+    title = "Means over seeds ± half of the 95 % interval; errors before, in and after the gap"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("filter", no_wrap=True)
+    for _, heading, _, _ in COLUMNS:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for (scenario,), group in results.group_by("scenario", maintain_order=True):
+        rows = group.to_dicts()
+        leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
+        table.add_row(f"[italic]{scenario}, {rows[0]['seeds']} seeds[/italic]")
+        for row in rows:
+            cells = []
+            for column, _, decimals, _ in COLUMNS:
+                text = format_value(row, column, decimals)
+                leading = row[column] is not None and row[column] == leaders[column]
+                cells.append(f"[bold]{text}[/bold]" if leading else text)
+            table.add_row(row["filter"], *cells)
+    return table
+
+
+def difference_table(differences: pl.DataFrame) -> Table:
+    """Paired differences of the drift and of the whole error in the gap."""
+    title = "Differences paired over seeds, with 95 % intervals: is the first filter better?"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
+    table.add_column("scenario", no_wrap=True)
+    table.add_column("filters", no_wrap=True)
+    for metric in DIFFERENCES.values():
+        table.add_column(metric, justify="right", no_wrap=True)
+        table.add_column("", no_wrap=True)
+    for row in paired_rows(differences):
+        cells = [cell for metric in DIFFERENCES for cell in (row[metric], row[f"{metric}_verdict"])]
+        table.add_row(row["scenario"], row["filters"], *map(escape, cells))
+    return table
+
+
+DIFFERENCES = {"drift": "drift [m]", "error_gap": "error in the gap [m]"}
+"""Metrics whose paired differences are shown."""
+
+
+def paired_rows(differences: pl.DataFrame) -> list[dict[str, str]]:
+    """One row for each scenario and pair of filters: differences with intervals and verdicts."""
+    rows: dict[tuple[str, str], dict[str, str]] = {}
+    for row in differences.filter(pl.col("metric").is_in(list(DIFFERENCES))).to_dicts():
+        pair = f"{row['filter']} − {row['against']}"
+        own = rows.setdefault(
+            (row["scenario"], pair), {"scenario": row["scenario"], "filters": pair}
+        )
+        own[row["metric"]] = "–" if row["difference"] is None else f"{row['difference']:+.3f}"
+        if row["low"] is not None:
+            own[row["metric"]] += f" [{row['low']:+.3f}, {row['high']:+.3f}]"
+        own[f"{row['metric']}_verdict"] = verdict(row)
+    return list(rows.values())
+
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """What a paired difference of errors says of its first filter."""
+    if row["low"] is None:
+        return "too few seeds"
+    if row["high"] < 0:
+        return "better"
+    if row["low"] > 0:
+        return "worse"
+    return "not separable"
+
+
+def scenario_table(catalogue: Iterable[Scenario]) -> Table:
+    """The catalogue, a line each."""
+    table = Table()
+    for heading in ("scenario", "source", "length", "what happens"):
+        table.add_column(heading)
+    for scenario in catalogue:
+        table.add_row(scenario.name, scenario.source, f"{scenario.duration:g} s", scenario.purpose)
+    return table
+
+
+def parameter_table(scenario: Scenario) -> Table:
+    """A scenario's parameters with units and bounds."""
+    table = Table(title=f"{scenario.name}: {scenario.purpose}", title_justify="left")
+    for heading in ("parameter", "value", "unit", "bounds", "meaning"):
+        table.add_column(heading)
+    for spec in scenario.parameter_specs:
+        bounds = f"{spec.minimum:g} .. {spec.maximum:g}"
+        value = f"{scenario.parameters[spec.name]:g}"
+        table.add_row(spec.name, value, spec.unit, bounds, spec.description)
+    return table
+
+
+def score_table(summary: Mapping[str, float | None]) -> Table:
+    """The scores of one sequence."""
+    table = Table(show_header=False)
+    for name, value in summary.items():
+        table.add_row(name, "–" if value is None else f"{value:.4g}")
+    return table

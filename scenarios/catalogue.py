@@ -1,0 +1,122 @@
+"""Turns a catalogue name, or the path of a user's scenario file, into a `Scenario`.
+
+Each scenario of the catalogue is a folder beside this module that holds `scenario.yaml`.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from pathlib import Path
+
+from scenarios.scenario import ParameterSpec, Scenario, ScenarioError, StaticBox, format_number
+from scenarios.schema import ScenarioSettings, read_settings
+
+DEFINITION = "scenario.yaml"
+_FOLDER = Path(__file__).resolve().parent
+
+
+def list_names() -> tuple[str, ...]:
+    """Names of the scenarios that come with this package, sorted."""
+    return tuple(sorted(path.parent.name for path in _FOLDER.glob(f"*/{DEFINITION}")))
+
+
+def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
+    """Load a scenario of the catalogue by name, or a user's own by the path of its YAML file.
+
+    `parameters` override the declared defaults, in the declared units. Raises `ScenarioError` (one
+    line) for an unknown name, an unknown, ill-typed or out-of-bounds parameter, or a bad file.
+    """
+    path = _locate(name_or_path)
+    settings = read_settings(path)
+    specs = tuple(
+        ParameterSpec(name=key, **dict(value)) for key, value in settings.parameters.items()
+    )
+    scenario = Scenario(
+        name=settings.name,
+        purpose=settings.purpose,
+        source=settings.source,
+        parameters=_choose(settings.name, specs, parameters),
+        parameter_specs=specs,
+        duration=settings.duration,
+        warmup=settings.warmup,
+        network=_beside(path, "network", settings.network),
+        routes=_beside(path, "routes", settings.routes),
+        ego=settings.ego,
+        sensor_height=settings.sensor_height,
+        statics=_static_boxes(settings),
+        kinematics=settings.kinematics,
+        definition=path,
+    )
+    scenario.route_xml()  # an undeclared placeholder must fail here, not in the simulator
+    return scenario
+
+
+def _locate(name_or_path: str | Path) -> Path:
+    """The definition file; what looks like a path is taken as one."""
+    given = str(name_or_path)
+    if isinstance(name_or_path, str) and given in list_names():
+        return _FOLDER / given / DEFINITION
+    looks_like_path = isinstance(name_or_path, Path) or any(c in given for c in "/\\.")
+    if not looks_like_path:
+        shown = given[:80] + ("..." if len(given) > 80 else "")
+        raise ScenarioError(
+            f"unknown scenario {shown!r}{_suggestion(given, list_names())};"
+            f" known: {', '.join(list_names())}; or give the path of a scenario file"
+        )
+    return Path(name_or_path)
+
+
+def _beside(definition: Path, key: str, file_name: str) -> Path:
+    path = definition.resolve().parent / file_name
+    try:
+        is_file = path.is_file()
+    except (OSError, ValueError):
+        is_file = False
+    if not is_file:
+        raise ScenarioError(f"{definition}: key {key}: no such file: {file_name}")
+    return path
+
+
+def _static_boxes(settings: ScenarioSettings) -> tuple[StaticBox, ...]:
+    return tuple(StaticBox(**dict(static)) for static in settings.statics)
+
+
+def _choose(
+    scenario: str, specs: tuple[ParameterSpec, ...], given: Mapping[str, object]
+) -> dict[str, float]:
+    known = {spec.name: spec for spec in specs}
+    for name in given:
+        if name not in known:
+            raise ScenarioError(
+                f"scenario {scenario}: unknown parameter {name!r}{_suggestion(name, known)};"
+                f" known: {', '.join(known) or 'none'}"
+            )
+    return {
+        spec.name: _checked(scenario, spec, given.get(spec.name, spec.default)) for spec in specs
+    }
+
+
+def _checked(scenario: str, spec: ParameterSpec, value: object) -> float:
+    low, high = format_number(spec.minimum), format_number(spec.maximum)
+    what = "an integer" if spec.integer else "a number"
+    expected = f"expected {what} from {low} to {high} [{spec.unit}]"
+    problem = ScenarioError(
+        f"scenario {scenario}: parameter {spec.name}: {expected}, got {str(value)[:60]!s}"
+        f" ({type(value).__name__})"
+    )
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise problem
+    number = float(value)
+    if not math.isfinite(number) or not spec.minimum <= number <= spec.maximum:
+        raise problem
+    if spec.integer:
+        if not isinstance(value, Integral) and not number.is_integer():
+            raise problem
+        return int(number)
+    return number
+
+
+def _suggestion(given: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(given, list(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""

@@ -1,0 +1,139 @@
+"""Turns validated settings into the frozen `Scenario` that every later stage is given.
+
+A scenario holds all that decides what happens on the road, except for the seed.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from string import Template
+from typing import Literal
+
+Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
+Source = Literal["sumo"]
+Kinematics = Literal["smooth", "raw"]
+
+
+class ScenarioError(ValueError):
+    """A scenario, or a parameter of one, that cannot be used; the message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSpec:
+    """What a scenario lets its user choose: a number within bounds.
+
+    `default`, `minimum` and `maximum` are in `unit`; an `integer` parameter refuses fractions.
+    """
+
+    name: str
+    unit: str
+    default: float
+    minimum: float
+    maximum: float
+    description: str
+    integer: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StaticBox:
+    """An object that never moves: box centre x, y [m] on the ground, yaw [rad], size [m]."""
+
+    kind: Kind
+    x: float
+    y: float
+    yaw: float
+    length: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """What happens on the road: all that determines a trace together with a seed.
+
+    `parameters` are the values in use; `duration` [s] is recorded after `warmup` [s]; `network` is
+    a SUMO network; `routes` is a template of a SUMO route file, filled in by `route_xml`; `ego` is
+    the vehicle whose roof carries the sensor at `sensor_height` [m]; `statics` belong to the
+    bridge, SUMO knows nothing of them; `kinematics` says whether motion is smoothed or SUMO's own
+    numbers are kept; `definition` is the YAML file.
+    """
+
+    name: str
+    purpose: str
+    source: Source
+    parameters: Mapping[str, float] = field(hash=False)
+    parameter_specs: tuple[ParameterSpec, ...]
+    duration: float
+    warmup: float
+    network: Path
+    routes: Path
+    ego: str
+    sensor_height: float
+    statics: tuple[StaticBox, ...]
+    kinematics: Kinematics
+    definition: Path
+
+    def route_xml(self) -> str:
+        """The route file with every ``${parameter}`` replaced by its value.
+
+        Raises `ScenarioError` if the file is unreadable or names an undeclared parameter.
+        """
+        template = Template(_read_text(self.routes))
+        values = {name: format_number(value) for name, value in self.parameters.items()}
+        try:
+            return template.substitute(values)
+        except KeyError as error:
+            known = ", ".join(values) or "none"
+            raise ScenarioError(
+                f"{self.routes}: placeholder ${{{error.args[0]}}} is not a declared parameter"
+                f" (declared: {known})"
+            ) from None
+        except ValueError as error:
+            raise ScenarioError(f"{self.routes}: {error}; write $$ for a dollar sign") from None
+
+    def identity(self) -> str:
+        """Canonical JSON of everything that determines the trace besides the seed.
+
+        Files enter by the SHA-256 of their contents and never by their path, so a scenario has the
+        same identity on every machine.
+        """
+        document = {
+            "name": self.name,
+            "source": self.source,
+            "parameters": {name: float(value) for name, value in self.parameters.items()},
+            "duration": float(self.duration),
+            "warmup": float(self.warmup),
+            "ego": self.ego,
+            "sensor_height": float(self.sensor_height),
+            "kinematics": self.kinematics,
+            "statics": [asdict(box) for box in self.statics],
+            "files": {
+                "definition": _sha256(self.definition),
+                "network": _sha256(self.network),
+                "routes": _sha256(self.routes),
+            },
+        }
+        return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def format_number(value: float) -> str:
+    """Shortest decimal that reads back as the same number, without a needless ``.0``."""
+    return str(int(value)) if float(value).is_integer() else repr(float(value))
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{path}: is not UTF-8 text") from None
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None

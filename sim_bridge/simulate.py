@@ -1,0 +1,192 @@
+"""A scenario and a seed into a trace: smooth exact truth, regimes, visible fractions."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from mdkf.tables import KINDS, EgoPath, FloatArray, Trace
+from scenarios import Scenario
+from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
+from sim_bridge.line_of_sight import visible_fractions
+from sim_bridge.network_check import SimulationError
+from sim_bridge.overlap import first_overlap
+from sim_bridge.recording import Recording
+from sim_bridge.regimes import regimes, turning
+from sim_bridge.sumo import Accident, run_sumo
+
+
+class SeedRefused(SimulationError):
+    """The inputs are good, but this seed gives no valid truth; another one may."""
+
+
+MARGIN = 1.5
+"""Simulated before and after the trace [s]: what the spline's ends need."""
+
+_MOTION = tuple(field.name for field in fields(Motion) if field.name != "tick")
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """One object: its motion and what it is."""
+
+    name: str
+    kind: str
+    length: float
+    width: float
+    height: float
+    motion: Motion
+
+
+def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
+    """The trace of a scenario: every object but the ego vehicle, which carries the sensor.
+
+    dt: time between frames [s], a multiple of 0.01; the motion is the same at every dt. Objects
+    are numbered by their names in the simulation, static ones after them.
+
+    Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
+    a seed in which the ego vehicle is not there all the time or two boxes overlap.
+    """
+    stride = _stride(dt)
+    try:
+        recording = run_sumo(scenario, seed, margin=MARGIN)
+    except Accident as accident:
+        raise SeedRefused(f"{scenario.name}, seed {seed}: {accident}") from None
+    n_frames = round(scenario.duration / dt)
+    bodies = list(_bodies(scenario, recording, stride, n_frames))
+    egos = [body for body in bodies if body.name == scenario.ego]
+    if not egos or len(egos[0].motion.tick) < n_frames:
+        raise SeedRefused(
+            f"{scenario.name}, seed {seed}: the ego vehicle {scenario.ego!r} is not on the road"
+            f" for all {scenario.duration:g} s"
+        )
+    provenance = {
+        "scenario": scenario.name,
+        "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
+        "identity": hashlib.sha256(scenario.identity().encode()).hexdigest(),
+        "seed": str(seed),
+        "source": scenario.source,
+        "simulator": recording.simulator,
+        "kinematics": scenario.kinematics,
+    }
+    ego_motion = egos[0].motion
+    ego = EgoPath.from_columns(
+        {
+            "frame": np.arange(n_frames),
+            "x": ego_motion.x,
+            "y": ego_motion.y,
+            "z": np.full(n_frames, scenario.sensor_height),
+            "yaw": ego_motion.yaw,
+        },
+        n_frames=n_frames,
+        dt=dt,
+        provenance=provenance,
+    )
+    others = [body for body in bodies if body.name != scenario.ego]
+    _refuse_overlap(others, egos[0], n_frames, stride, f"{scenario.name}, seed {seed}")
+    return _trace(others, ego, stride, provenance)
+
+
+def _stride(dt: float) -> int:
+    """dt in integration steps."""
+    stride = round(dt / INTEGRATION_STEP)
+    if stride < 1 or abs(stride * INTEGRATION_STEP - dt) > 1e-9:
+        raise SimulationError(f"dt is {dt} s, expected a multiple of {INTEGRATION_STEP} s")
+    return stride
+
+
+def _bodies(
+    scenario: Scenario, recording: Recording, stride: int, n_frames: int
+) -> Iterator[_Body]:
+    """Everything on the road within the trace's frames: vehicles by name, then statics."""
+    every = round(CONTROL_STEP / recording.step)
+    per_sample = round(recording.step / INTEGRATION_STEP)
+    for vehicle, name in enumerate(recording.names):
+        rows = recording.rows_of(vehicle)
+        front = np.column_stack([recording.x[rows], recording.y[rows]])
+        heading, time = recording.heading[rows], recording.time_index[rows]
+        length = float(recording.length[vehicle])
+        if scenario.kinematics == "raw":
+            motion = raw_motion(
+                time * per_sample, front, heading, recording.speed[rows], length, recording.step
+            )
+        else:
+            first = int(time[0]) * per_sample
+            motion = smooth_motion(first, front[::every], heading[::every], length, stride)
+        if motion is None:
+            continue
+        inside = (motion.tick >= 0) & (motion.tick < n_frames * stride)
+        inside &= motion.tick % stride == 0
+        if inside.any():
+            kept = Motion(*(getattr(motion, f.name)[inside] for f in fields(Motion)))
+            size = (length, float(recording.width[vehicle]), float(recording.height[vehicle]))
+            yield _Body(name, recording.kinds[vehicle], *size, motion=kept)
+    ticks = np.arange(n_frames) * stride
+    for k, box in enumerate(scenario.statics):
+        still = {name: np.zeros(n_frames) for name in _MOTION}
+        still |= {name: np.full(n_frames, getattr(box, name)) for name in ("x", "y", "yaw")}
+        motion = Motion(tick=ticks, **still)
+        yield _Body(f"static {k}", box.kind, box.length, box.width, box.height, motion)
+
+
+def _trace(bodies: list[_Body], ego: EgoPath, stride: int, provenance: dict[str, str]) -> Trace:
+    counts = [len(body.motion.tick) for body in bodies]
+
+    def each(values: list[float]) -> FloatArray:
+        return np.repeat(np.array(values, dtype=np.float64), counts)
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(b.motion, name) for b in bodies] or [np.empty(0)])
+
+    columns = {name: joined(name) for name in _MOTION}
+    columns["frame"] = joined("tick") / stride
+    columns["object_id"] = each([float(k) for k in range(len(bodies))])
+    columns["kind"] = each([KINDS.index(b.kind) for b in bodies])
+    for size in ("length", "width", "height"):
+        columns[size] = each([getattr(b, size) for b in bodies])
+    columns["z"] = columns["height"] / 2
+    v, a, j = (np.column_stack([columns[f"{d}x"], columns[f"{d}y"]]) for d in "vaj")
+    columns["regime"] = regimes(v, a, j).astype(np.float64)
+    columns["turning"] = turning(columns["yaw_rate"]).astype(np.float64)
+    columns["visible"] = np.zeros(len(columns["x"]))
+    common: dict[str, Any] = {
+        "n_frames": ego.n_frames,
+        "dt": ego.dt,
+        "ego": ego,
+        "provenance": provenance,
+    }
+    hidden = Trace.from_columns(columns, **common)
+    visible = visible_fractions(
+        np.column_stack([ego.x, ego.y, ego.z]),
+        hidden.frame_start,
+        np.column_stack([getattr(hidden, name) for name in _BOX]),
+    )
+    return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
+
+
+_BOX = ("x", "y", "z", "yaw", "length", "width", "height")
+
+
+def _refuse_overlap(
+    others: list[_Body], ego: _Body, n_frames: int, stride: int, where: str
+) -> None:
+    """Raise `SimulationError` if any two boxes, the ego vehicle's included, ever overlap."""
+    bodies = [*others, ego]
+    counts = [len(body.motion.tick) for body in bodies]
+    owner = np.repeat(np.arange(len(bodies)), counts)
+    tick = np.concatenate([body.motion.tick for body in bodies])
+    sizes = np.array([[body.length, body.width] for body in bodies])[owner]
+    ground = [np.concatenate([getattr(b.motion, c) for b in bodies]) for c in ("x", "y", "yaw")]
+    boxes = np.column_stack([*ground, sizes])
+    order = np.argsort(tick, kind="stable")
+    starts = np.searchsorted(tick[order], np.arange(n_frames + 1) * stride)
+    a, b = first_overlap(starts, boxes[order])
+    if a >= 0:
+        first, second = (bodies[owner[order[row]]].name for row in (a, b))
+        seconds = tick[order[a]] * INTEGRATION_STEP
+        raise SeedRefused(
+            f"{where}: {first!r} and {second!r} overlap at {seconds:.1f} s; take another seed"
+        )
