@@ -4,18 +4,20 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt
 
 .PHONY: demo test clean
 
 demo: clean
-	$(MAKE) $(VENV)/bin/python
-	$(INSTALL) .
+	@$(MAKE) --no-print-directory $(VENV)/bin/python
+	@echo 'installing mdkf into $(VENV): a minute or two, 1.2 GB with the simulators'
+	@$(INSTALL) .
 	@sh .ci/system-libraries
 	$(BIN)/mdkf run --out out
 
 test: $(VENV)/bin/python
-	$(INSTALL) -e '.[test]'
+	@echo 'installing mdkf with its tests into $(VENV)'
+	@$(INSTALL) -e '.[test]'
 	@sh .ci/system-libraries
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -13,10 +13,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import click
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from typer.exceptions import TyperException
 
 import mdkf
 import scenarios
@@ -29,7 +29,6 @@ from experiments.score import score as score_tracks
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
 
 app = typer.Typer(
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
@@ -43,6 +42,7 @@ BAD_INPUT = (
     sim_bridge.ProfileError,
     TableError,
 )
+INTERRUPTED = 130
 DEFAULT_SEEDS = 6
 OUT = Path("mdkf-out")
 
@@ -70,11 +70,9 @@ GapTruth = Annotated[
 def main() -> NoReturn:
     """Run the command line; turns bad input into one line and an exit status."""
     try:
-        app(standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as help_text:
-        print(help_text.format_message(), file=sys.stderr)
-        sys.exit(2)
-    except click.ClickException as error:
+        # Typer returns the status of an exit that it was asked for, 130 after Ctrl-C included.
+        status = app(standalone_mode=False)
+    except TyperException as error:
         _fail(error.format_message(), 2)
     except BAD_INPUT as error:
         _fail(str(error), 2)
@@ -83,12 +81,15 @@ def main() -> NoReturn:
     except OSError as error:
         _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
     except KeyboardInterrupt:
-        _fail("interrupted", 130)
-    sys.exit(0)
+        status = INTERRUPTED
+    if status == INTERRUPTED:
+        _fail("interrupted", INTERRUPTED)
+    sys.exit(status or 0)
 
 
 @app.callback(invoke_without_command=True)
 def _mdkf(
+    context: typer.Context,
     show_version: Annotated[
         bool, typer.Option("--version", help="Print versions and exit.", is_eager=True)
     ] = False,
@@ -96,7 +97,8 @@ def _mdkf(
     if show_version:
         for package in ("mdkf", "libsumo", "highway-env", "numpy", "numba"):
             print(package, version(package))
-        raise typer.Exit
+    elif context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 @app.command(epilog="Example: mdkf run bus_stop --seeds 20 --occlusion mid:20 --out out")
