@@ -22,18 +22,23 @@ def associate(predicted: FloatArray, measured: FloatArray, gate: float) -> IntAr
     for t in range(len(predicted)):
         for d in range(len(measured)):
             pairs += _distance(predicted[t], measured[d]) < gate
-    track = np.empty(pairs, dtype=np.int64)
-    detection = np.empty(pairs, dtype=np.int64)
+    pair = np.empty((pairs, 2), dtype=np.int64)
     distance = np.empty(pairs)
-    k = 0
+    n = 0
     for t in range(len(predicted)):
         for d in range(len(measured)):
             length = _distance(predicted[t], measured[d])
             if length < gate:
-                track[k], detection[k], distance[k] = t, d, length
-                k += 1
-    for pair in np.argsort(distance, kind="mergesort"):
-        t, d = track[pair], detection[pair]
+                # Insertion sort: the gate leaves few pairs, and equal ones keep their order.
+                k = n
+                while k > 0 and distance[k - 1] > length:
+                    distance[k] = distance[k - 1]
+                    pair[k, 0], pair[k, 1] = pair[k - 1, 0], pair[k - 1, 1]
+                    k -= 1
+                distance[k], pair[k, 0], pair[k, 1] = length, t, d
+                n += 1
+    for k in range(pairs):
+        t, d = pair[k, 0], pair[k, 1]
         if match[t] == UNMATCHED and not taken[d]:
             match[t] = d
             taken[d] = True

@@ -138,14 +138,20 @@ def _predict(
     Q: FloatArray,
     unbiased: bool,
 ) -> None:
+    models = mean.shape[1]
+    c, weight = np.empty(models), np.empty(models)
     for k in range(mean.shape[0]):
-        c = np.dot(probability[k], markov)
-        for j in range(mean.shape[1]):
-            weight = markov[:, j] * probability[k] / c[j]
+        for j in range(models):
+            c[j] = 0.0
+            for i in range(models):
+                c[j] += markov[i, j] * probability[k, i]
+            for i in range(models):
+                weight[i] = markov[i, j] * probability[k, i] / c[j]
             _mix(mean[k], covariance[k], weight, j, unbiased, new_mean[k, j], new_covariance[k, j])
             predict_mean(new_mean[k, j], F[j])
             predict_covariance(new_covariance[k, j], F[j], Q[j])
-        probability[k] = c
+        for j in range(models):
+            probability[k, j] = c[j]
 
 
 @njit(cache=True)
@@ -164,15 +170,15 @@ def _mix(
     """
     K, n = mean.shape
     m = n // 2
-    x[:] = 0.0
-    P[:] = 0.0
     for a in range(n):
+        x[a] = 0.0
         if a % m <= j + 1:
             for i in range(K):
                 source = j if unbiased and a % m > i + 1 else i
                 x[a] += weight[i] * mean[source, a]
     for a in range(n):
         for b in range(n):
+            P[a, b] = 0.0
             if a % m > j + 1 or b % m > j + 1:
                 continue
             for i in range(K):
@@ -201,5 +207,10 @@ def _update(
         for j in range(models):
             likelihood[j] = update_state(mean[k, j], covariance[k, j], position[k], noise[k])[0]
         # Relative to the best, so that a large jump cannot underflow every model.
-        weight = probability[k] * np.exp(likelihood - likelihood.max())
-        probability[k] = weight / weight.sum()
+        best = likelihood.max()
+        total = 0.0
+        for j in range(models):
+            probability[k, j] *= np.exp(likelihood[j] - best)
+            total += probability[k, j]
+        for j in range(models):
+            probability[k, j] /= total

@@ -180,8 +180,9 @@ def _predict(
             w = weight[k, i // m, i % m]
             mean[k, i] *= w
             if weigh_covariance:
-                covariance[k, i, :] *= w
-                covariance[k, :, i] *= w
+                for j in range(2 * m):
+                    covariance[k, i, j] *= w
+                    covariance[k, j, i] *= w
         predict_mean(mean[k], F)
         predict_covariance(covariance[k], F, Q)
 
@@ -200,7 +201,7 @@ def _update(
     m = mean.shape[1] // 2
     for k in range(mean.shape[0]):
         z, R = position[k], noise[k]
-        denoised[k] = z
+        denoised[k, 0], denoised[k, 1] = z[0], z[1]
         if np.isnan(z[0]):
             continue
         _, y0, y1, h00, h01, h10, h11 = update_state(mean[k], covariance[k], z, R)
@@ -232,29 +233,37 @@ def _weigh(
     for track in range(window.shape[0]):
         if np.isnan(denoised[track, 0]):
             continue
-        window[track, :-1] = window[track, 1:].copy()
-        window[track, -1] = denoised[track]
         count[track] = min(count[track] + 1, length)
+        for axis in range(2):
+            for i in range(length - 1):
+                window[track, i, axis] = window[track, i + 1, axis]
+            window[track, length - 1, axis] = denoised[track, axis]
         if count[track] < length:
             continue
         for axis in range(2):
             # Relative to the newest position, so that a large coordinate costs no digits.
-            values[:] = window[track, :, axis] - window[track, -1, axis]
+            for i in range(length):
+                values[i] = window[track, i, axis] - window[track, length - 1, axis]
             for d in range(order):
-                deviation[axis, d] = _deviation(values[length - k :])
-                values[1:] = values[1:] - values[:-1]
+                deviation[axis, d] = _deviation(values, length - k)
+                for i in range(length - 1, 0, -1):
+                    values[i] -= values[i - 1]
         for d in range(order):
-            if joint:
-                deviation[:, d] = np.sqrt(deviation[0, d] ** 2 + deviation[1, d] ** 2)
             for axis in range(2):
-                weight[track, axis, d + 1] = min(deviation[axis, d] / factors[d], 1.0)
+                spread = deviation[axis, d]
+                if joint:
+                    spread = np.sqrt(deviation[0, d] ** 2 + deviation[1, d] ** 2)
+                weight[track, axis, d + 1] = min(spread / factors[d], 1.0)
 
 
 @njit(cache=True)
-def _deviation(values: FloatArray) -> float:
-    """Sample standard deviation (ddof = 1)."""
-    mean = values.mean()
+def _deviation(values: FloatArray, first: int) -> float:
+    """Sample standard deviation (ddof = 1) of the values from the first on."""
+    n = values.shape[0] - first
+    mean = 0.0
+    for i in range(first, values.shape[0]):
+        mean += values[i] / n
     total = 0.0
-    for value in values:
-        total += (value - mean) ** 2
-    return float(np.sqrt(total / (len(values) - 1)))
+    for i in range(first, values.shape[0]):
+        total += (values[i] - mean) ** 2
+    return float(np.sqrt(total / (n - 1)))
