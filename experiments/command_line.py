@@ -135,10 +135,8 @@ def run(
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("worlds", total=None)
-        results = runs.run(
-            plan, out, workers, lambda done, of: bar.update(task, completed=done, total=of)
-        )
+        task = bar.add_task("worlds", total=len(plan.seeds) * len(plan.scenarios))
+        results = runs.run(plan, out, workers, lambda done: bar.update(task, completed=done))
     for reason in results.refused:
         console.print(f"refused: {reason}", style="yellow", highlight=False)
     command = "mdkf " + " ".join(sys.argv[1:])

@@ -61,7 +61,7 @@ def gap_figure(
         values = own["error"].to_numpy().astype(np.float64)
         over_time.plot(seconds, values, color=colour, label=name, linewidth=1.8)
     _finish_time_axis(over_time, (stop - start) * trace.dt)
-    over_time.set_ylabel("distance of the followed track from the object [m]")
+    over_time.set_ylabel("error of the followed track [m]")
     return figure
 
 
@@ -195,7 +195,7 @@ def _draw_surroundings(axes: Axes, trace: Trace, object_id: int, frame: int) -> 
 def _frame_view(axes: Axes, points: FloatArray) -> None:
     """Equal metres on both axes around the points, neither cramped nor a thin strip."""
     low, high = points.min(axis=0), points.max(axis=0)
-    middle, span = (low + high) / 2, np.maximum((high - low) * 1.15, 12.0) + 4.0
+    middle, span = (low + high) / 2, np.maximum((high - low) * 1.15, 5.0) + 4.0
     span = np.maximum(span, span.max() * np.array([0.6, 0.45]))
     axes.set_xlim(middle[0] - span[0] / 2, middle[0] + span[0] / 2)
     axes.set_ylim(middle[1] - span[1] / 2, middle[1] + span[1] / 2)

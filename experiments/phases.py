@@ -5,8 +5,11 @@ measured as long as it lives, wherever it goes; that another detection captured 
 it was deleted or never regained its object is told apart from drift.
 """
 
+from typing import Any
+
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from experiments.occlusion import Gaps
 from experiments.population import MATCH_DISTANCE
@@ -40,8 +43,12 @@ def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
     track took a detection, which cannot be its object's. `recovered`: at the end of the window
     it is with its object, and has been detected since the gap.
     """
-    parts = [_one_gap(trace, tracks, gaps, k) for k in range(len(gaps))]
-    return pl.concat([pl.DataFrame(schema=SCHEMA), *(p for p in parts if p is not None)])
+    every = (_one_gap(trace, tracks, gaps, k) for k in range(len(gaps)))
+    parts = [part for part in every if part is not None]
+    if not parts:
+        return pl.DataFrame(schema=SCHEMA)
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in SCHEMA}
+    return pl.DataFrame(columns, schema=SCHEMA).with_columns(pl.col("error").fill_nan(None))
 
 
 def drift_gaps(errors: pl.DataFrame) -> pl.DataFrame:
@@ -56,7 +63,8 @@ def drift_gaps(errors: pl.DataFrame) -> pl.DataFrame:
     return errors.filter(free.all().over(gap))
 
 
-def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> pl.DataFrame | None:
+def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDArray[Any]] | None:
+    """Columns of one gap; None if the trace does not have the object as the gap begins."""
     object_id, start, stop = (int(a[k]) for a in (gaps.object_id, gaps.start, gaps.stop))
     rows = trace.rows_of(object_id)
     rows = rows[(trace.frame[rows] >= start - WINDOW) & (trace.frame[rows] < stop + WINDOW)]
@@ -83,23 +91,20 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> pl.DataFrame |
         recovered = bool(detected[after].any() and error[-1] < MATCH_DISTANCE)
     n = len(rows)
     phase = np.where(frame < start, "before", np.where(frame < stop, "gap", "after"))
-    return pl.DataFrame(
-        {
-            "object_id": np.full(n, object_id),
-            "gap_start": np.full(n, start),
-            "gap_stop": np.full(n, stop),
-            "regime": [REGIMES[trace.regime[at_start]]] * n,
-            "turning": np.full(n, bool(trace.turning[at_start])),
-            "track_id": np.full(n, followed),
-            "frame": frame,
-            "offset": frame - start,
-            "phase": phase,
-            "error": error,
-            "captured": np.full(n, captured),
-            "recovered": np.full(n, recovered),
-        },
-        schema=SCHEMA,
-    ).with_columns(pl.col("error").fill_nan(None))
+    return {
+        "object_id": np.full(n, object_id),
+        "gap_start": np.full(n, start),
+        "gap_stop": np.full(n, stop),
+        "regime": np.full(n, REGIMES[trace.regime[at_start]]),
+        "turning": np.full(n, trace.turning[at_start]),
+        "track_id": np.full(n, followed),
+        "frame": frame,
+        "offset": frame - start,
+        "phase": phase,
+        "error": error,
+        "captured": np.full(n, captured),
+        "recovered": np.full(n, recovered),
+    }
 
 
 def _followed(trace: Trace, tracks: Tracks, row: int) -> int:

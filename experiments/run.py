@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import mdkf
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from experiments.statistics import mean_interval
+from experiments.warm_up import compile_sensing, compile_tracking
 from experiments.world import Outcome, World, run_world
 from scenarios import Scenario
 from sim_bridge.parquet import replacing
@@ -93,7 +95,7 @@ def run(
     plan: Plan,
     out: Path,
     workers: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Results:
     """Run a plan and write its files to `out`.
 
@@ -109,7 +111,7 @@ def run(
     try:
         for outcome in _outcomes(worlds, workers or len(os.sched_getaffinity(0))):
             outcomes.append(outcome)
-            progress(len(outcomes), len(worlds))
+            progress(len(outcomes))
     except KeyboardInterrupt:
         interrupted = True
     outcomes.sort(key=lambda outcome: (outcome.scenario, outcome.seed))
@@ -144,6 +146,9 @@ def _outcomes(worlds: Sequence[World], workers: int) -> Iterator[Outcome]:
         return
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(worlds)), context, initializer=_ignore_interrupt)
+    # The first run on a machine compiles the kernels: each of two processes a half, not both all.
+    for compile_half in (compile_sensing, partial(compile_tracking, worlds[0].filters)):
+        pool.submit(compile_half)
     futures = [pool.submit(run_world, world) for world in worlds]
     told: set[Future[Outcome]] = set()
     try:

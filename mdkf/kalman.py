@@ -6,6 +6,7 @@ form. RobMOT's baseline is order 2 (CA).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -82,8 +83,9 @@ def check_order(order: int, known: tuple[int, ...]) -> None:
         raise ValueError(f"order is {order}, expected one of {known} (1 CV, 2 CA, 3 CJ)")
 
 
+@lru_cache(maxsize=256)
 def chain(order: int, dt: float, density: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """F and Q of one axis."""
+    """F and Q of one axis, not to be written to: a tracker asks for them in every frame."""
     return transition(order, dt), process_noise(order, dt, density)
 
 

@@ -10,7 +10,8 @@ from numbers import Integral, Real
 from pathlib import Path
 
 from scenarios.scenario import ParameterSpec, Scenario, ScenarioError, StaticBox, format_number
-from scenarios.schema import ScenarioSettings, read_settings
+from scenarios.schema import ScenarioSettings
+from scenarios.settings import read_settings
 
 DEFINITION = "scenario.yaml"
 _FOLDER = Path(__file__).resolve().parent
@@ -28,7 +29,7 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     line) for an unknown name, an unknown, ill-typed or out-of-bounds parameter, or a bad file.
     """
     path = _locate(name_or_path)
-    settings = read_settings(path)
+    settings = read_settings(path, ScenarioSettings, ScenarioError)
     specs = tuple(
         ParameterSpec(name=key, **dict(value)) for key, value in settings.parameters.items()
     )

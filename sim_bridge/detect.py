@@ -4,6 +4,7 @@ Every object has a random stream of its own, drawn for all of its frames before 
 dropped, so hiding or removing one object changes no number of another's.
 """
 
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ def detect(trace: Trace, detector: str | Path = "pointrcnn", seed: int = 0) -> D
     `CLUTTER` for false boxes. Raises `ProfileError` for a bad profile.
     """
     profile = load_profile(detector)
+    seed = operator.index(seed)
     key = (trace.provenance.get("identity", ""), trace.provenance.get("seed", ""), seed)
     distance = trace.sensor_distance()
     parts = []

@@ -1,13 +1,13 @@
 """Turns a sensor position and the boxes of a frame into the exact visible fraction of each box.
 
-Along azimuth theta a wall of a box lies at 1/r(theta) = A cos(theta) + B sin(theta): the nearer of
-the walls that face the sensor is the near edge, the nearest of the others the far edge. A box of
-top height H hides, behind it, all heights up to its shadow line (sensor height s):
+Along azimuth theta the line of a wall lies at 1/r(theta) = A cos(theta) + B sin(theta). A ray
+enters a box at the last line of the walls that face the sensor (near edge) and leaves it at the
+first of the others (far edge). Behind it, a box of top H hides all heights up to its shadow line:
 
     g(theta) = s + m(theta) r_target(theta),   m = (H - s) / r_near if H >= s, else (H - s) / r_far
 
 A target's silhouette is its near edge from bottom b to top t; the roof does not count, and the
-space under a box is closed. With M the largest m of the boxes in front of it,
+space under a box is closed. With s the sensor's height and M the largest m in front,
 
     visible = integral of (t - clamp(s + M r_target, b, t)) / (t - b) over theta / angular width
 

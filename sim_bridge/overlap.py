@@ -28,9 +28,8 @@ def first_overlap(frame_start: IntArray, boxes: FloatArray) -> tuple[int, int]:
 def _overlap(a: FloatArray, b: FloatArray) -> bool:
     dx, dy = b[0] - a[0], b[1] - a[1]
     for box in (a, b):
-        for quarter in range(2):
-            angle = box[2] + quarter * np.pi / 2
-            ux, uy = np.cos(angle), np.sin(angle)
+        c, s = np.cos(box[2]), np.sin(box[2])
+        for ux, uy in ((c, s), (-s, c)):
             extent = _extent(a, ux, uy) + _extent(b, ux, uy)
             if abs(dx * ux + dy * uy) >= extent:
                 return False

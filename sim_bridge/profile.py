@@ -4,11 +4,12 @@ import difflib
 from pathlib import Path
 from typing import Annotated
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from scenarios.settings import Settings, read_settings
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _FOLDER = Path(__file__).with_name("detectors")
@@ -18,11 +19,7 @@ class ProfileError(ValueError):
     """A detector profile that cannot be used; the message is one line."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Correlation(_Strict):
+class Correlation(Settings):
     """How noise hangs together in time: the shares of its variance that drift and that are fixed
     per object (the rest is white), and the drift's time constant [s]."""
 
@@ -45,7 +42,7 @@ class Noise(Correlation):
     hidden: NonNegative
 
 
-class Detection(_Strict):
+class Detection(Settings):
     """Probability of detection by range [m] and visible fraction."""
 
     range: Positive
@@ -55,14 +52,14 @@ class Detection(_Strict):
     persistence: Annotated[float, Field(ge=0, lt=1)]
 
 
-class Deviation(_Strict):
+class Deviation(Settings):
     """Standard deviations of one measure of size, white and fixed per object [m]."""
 
     white: NonNegative
     fixed: NonNegative
 
 
-class Size(_Strict):
+class Size(Settings):
     """Noise of a box's size."""
 
     length: Deviation
@@ -81,17 +78,17 @@ class Score(Correlation):
     noise: NonNegative
 
 
-class Normal(_Strict):
+class Normal(Settings):
     """A normal distribution."""
 
     mean: Positive
     deviation: NonNegative
 
 
-class Clutter(_Strict):
+class Clutter(Settings):
     """False boxes: density [1/m2 per frame], from min_range [m], their scores and sizes [m]."""
 
-    density: NonNegative
+    density: Annotated[float, Field(ge=0, le=0.1)]
     min_range: NonNegative
     score_mean: Positive
     length: Normal
@@ -99,7 +96,7 @@ class Clutter(_Strict):
     height: Normal
 
 
-class Profile(_Strict):
+class Profile(Settings):
     """All that a simulated detector's errors depend on; max_range in metres."""
 
     name: str
@@ -112,6 +109,12 @@ class Profile(_Strict):
     size: Size
     score: Score
     clutter: Clutter
+
+    @model_validator(mode="after")
+    def _ring(self) -> "Profile":
+        if self.clutter.min_range >= self.max_range:
+            raise ValueError("clutter.min_range must be below max_range")
+        return self
 
 
 def profile_names() -> tuple[str, ...]:
@@ -133,14 +136,4 @@ def load_profile(name: str | Path) -> Profile:
             known = ", ".join(profile_names())
             raise ProfileError(f"unknown detector {str(name)!r}{hint}; known detectors: {known}")
         path = _FOLDER / f"{name}.yaml"
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return Profile.model_validate(document)
-    except OSError as error:
-        raise ProfileError(f"{path}: cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ProfileError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise ProfileError(f"{path}: {key}: {first['msg']}") from None
+    return read_settings(path, Profile, ProfileError)

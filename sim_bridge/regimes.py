@@ -8,9 +8,6 @@ import numpy as np
 
 from mdkf.tables import REGIMES, BoolArray, CodeArray, FloatArray
 
-STATIONARY_SPEED = 1e-9
-"""Below this an object stands [m/s]. Standstill is exact; this allows only for rounding."""
-
 CONSTANT_VELOCITY = 0.3
 """Largest |s'| that still counts as constant velocity [m/s2]: over a gap of 2 s it moves an
 object by 0.6 m."""
@@ -26,7 +23,8 @@ TURNING = 0.05
 def regimes(v: FloatArray, a: FloatArray, j: FloatArray) -> CodeArray:
     """Codes of `mdkf.REGIMES` (n,) from velocity, acceleration and jerk (n, 2)."""
     speed = np.hypot(v[:, 0], v[:, 1])
-    stationary = speed < STATIONARY_SPEED
+    # Standstill is exact: six equal control points make every derivative zero.
+    stationary = speed == 0.0
     safe = np.where(stationary, 1.0, speed)
     along = (a * v).sum(axis=1) / safe
     change = ((j * v).sum(axis=1) + (a * a).sum(axis=1) - along**2) / safe

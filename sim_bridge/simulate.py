@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Any
@@ -16,6 +17,7 @@ from sim_bridge.network_check import SimulationError
 from sim_bridge.overlap import first_overlap
 from sim_bridge.recording import Recording
 from sim_bridge.regimes import regimes, turning
+from sim_bridge.sumo import STEP as SUMO_STEP
 from sim_bridge.sumo import Accident, run_sumo
 
 
@@ -50,7 +52,8 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
     a seed in which the ego vehicle is not there all the time or two boxes overlap.
     """
-    stride = _stride(dt)
+    stride = _stride(scenario, dt)
+    seed = operator.index(seed)
     try:
         recording = run_sumo(scenario, seed, margin=MARGIN)
     except Accident as accident:
@@ -90,12 +93,16 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     return _trace(others, ego, stride, provenance)
 
 
-def _stride(dt: float) -> int:
+def _stride(scenario: Scenario, dt: float) -> int:
     """dt in integration steps."""
-    stride = round(dt / INTEGRATION_STEP)
-    if stride < 1 or abs(stride * INTEGRATION_STEP - dt) > 1e-9:
-        raise SimulationError(f"dt is {dt} s, expected a multiple of {INTEGRATION_STEP} s")
-    return stride
+    # SUMO's own numbers exist only at its steps.
+    step = SUMO_STEP if scenario.kinematics == "raw" else INTEGRATION_STEP
+    multiple = round(dt / step) if np.isfinite(dt) else 0
+    if multiple < 1 or abs(multiple * step - dt) > 1e-9 or dt > scenario.duration:
+        raise SimulationError(
+            f"dt is {dt} s, expected a multiple of {step:g} s up to {scenario.duration:g} s"
+        )
+    return multiple * round(step / INTEGRATION_STEP)
 
 
 def _bodies(

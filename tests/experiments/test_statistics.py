@@ -1,0 +1,67 @@
+"""Claim: a mean of seeds comes with Student's 95 % interval; missing values are left out."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from experiments.statistics import mean_interval
+
+
+@pytest.mark.parametrize("n", [2, 3, 6, 20, 200])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_the_interval_is_scipys(n: int, scale: float) -> None:
+    """`scipy.stats.t.interval` of the values' mean and standard error."""
+    values = np.random.default_rng(n).normal(3.0, scale, n)
+    interval = mean_interval(values)
+    low, high = stats.t.interval(0.95, n - 1, loc=np.mean(values), scale=stats.sem(values))
+    np.testing.assert_allclose((interval.low, interval.high), (low, high), rtol=1e-12)
+    assert interval.mean == pytest.approx(np.mean(values), rel=1e-14)
+    assert interval.n == n
+
+
+def test_the_interval_by_hand() -> None:
+    """Of 1, 2, 3: deviation 1, error 1/sqrt(3), t with two degrees of freedom 4.3027 (tables)."""
+    interval = mean_interval([1.0, 2.0, 3.0])
+    assert interval.mean == 2.0
+    assert interval.high - 2.0 == pytest.approx(4.302653 / math.sqrt(3), abs=1e-6)
+    assert 2.0 - interval.low == pytest.approx(4.302653 / math.sqrt(3), abs=1e-6)
+
+
+def test_the_interval_covers_the_mean_in_95_percent_of_experiments() -> None:
+    """4000 experiments of five normal values; three standard deviations of a count either way."""
+    values = np.random.default_rng(0).normal(7.0, 2.0, (4000, 5))
+    intervals = [mean_interval(row) for row in values]
+    covered = np.mean([interval.low <= 7.0 <= interval.high for interval in intervals])
+    assert abs(covered - 0.95) < 3 * math.sqrt(0.95 * 0.05 / 4000)
+
+
+def test_missing_values_are_left_out() -> None:
+    """NaN changes neither the mean nor the interval, and is not counted."""
+    nan = float("nan")
+    assert mean_interval([nan, 1.0, 2.0, nan, 4.0]) == mean_interval([1.0, 2.0, 4.0])
+    assert mean_interval([nan, 1.0, 2.0, nan, 4.0]).n == 3
+
+
+@pytest.mark.parametrize("values", [[], [float("nan")] * 3])
+def test_no_values_give_no_mean(values: list[float]) -> None:
+    """All three numbers are NaN, without a warning."""
+    interval = mean_interval(values)
+    assert interval.n == 0
+    assert all(math.isnan(v) for v in (interval.mean, interval.low, interval.high))
+
+
+@pytest.mark.parametrize("values", [[2.5], [float("nan"), 2.5]])
+def test_one_value_gives_a_mean_without_an_interval(values: list[float]) -> None:
+    """One seed says nothing of the spread."""
+    interval = mean_interval(values)
+    assert (interval.mean, interval.n) == (2.5, 1)
+    assert math.isnan(interval.low)
+    assert math.isnan(interval.high)
+
+
+def test_equal_values_give_an_interval_of_no_width() -> None:
+    """Deterministic scores are certain."""
+    interval = mean_interval([3.0] * 4)
+    assert (interval.low, interval.mean, interval.high) == (3.0, 3.0, 3.0)

@@ -1,0 +1,149 @@
+"""Claim: a bad detector profile gives one line that names the file and the key."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import sim_bridge
+from sim_bridge import ProfileError, load_profile, profile_names
+
+POINTRCNN = Path(sim_bridge.__file__).with_name("detectors") / "pointrcnn.yaml"
+
+
+def refused(given: str | Path) -> str:
+    with pytest.raises(ProfileError) as caught:
+        load_profile(given)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def changed(folder: Path, keys: tuple[str, ...], value: Any) -> Path:
+    """The shipped profile with one key set; None removes it."""
+    document = yaml.safe_load(POINTRCNN.read_text(encoding="utf-8"))
+    inner = document
+    for key in keys[:-1]:
+        inner = inner[key]
+    if value is None:
+        del inner[keys[-1]]
+    else:
+        inner[keys[-1]] = value
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
+def test_shipped_profiles_load_by_name_and_by_path() -> None:
+    """Every listed name is a valid profile of that name, and its file is the same profile."""
+    assert "pointrcnn" in profile_names()
+    for name in profile_names():
+        assert load_profile(name).name == name
+        assert load_profile(POINTRCNN.with_name(f"{name}.yaml")) == load_profile(name)
+
+
+def test_a_profile_holds_the_numbers_of_its_file() -> None:
+    """Nothing is rescaled or defaulted on the way."""
+    document = yaml.safe_load(POINTRCNN.read_text(encoding="utf-8"))
+    assert load_profile("pointrcnn").model_dump() == document
+
+
+def test_unknown_names_list_the_known() -> None:
+    """A misspelt name is told the right one; any other name what there is."""
+    message = refused("pointrcn")
+    assert "unknown detector 'pointrcn' (did you mean 'pointrcnn'?)" in message
+    for name in profile_names():
+        assert name in refused("lidar")
+    assert "did you mean" not in refused("lidar")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "reason"),
+    [
+        (("radial", "per_rnage"), 0.1, "unknown key"),
+        (("colour",), "red", "unknown key"),
+        (("radial", "per_range"), None, "missing key"),
+        (("clutter",), None, "missing key"),
+        (("lateral", "hidden"), -0.1, "greater than or equal to 0"),
+        (("max_range",), 0.0, "greater than 0"),
+        (("max_range",), float("inf"), "finite"),
+        (("yaw", "constant"), float("nan"), "finite"),
+        (("vertical", "drift_time"), 0.0, "greater than 0"),
+        (("score", "fixed_share"), 1.5, "less than or equal to 1"),
+        (("detection", "persistence"), 1.0, "less than 1"),
+        (("detection", "visible_floor"), 0.0, "greater than 0"),
+        (("size", "length"), 0.2, "dictionary"),
+        (("max_range",), "71.8", "valid number"),
+        (("max_range",), True, "valid number"),
+        (("max_range",), 2.0, "clutter.min_range must be below max_range"),
+        (("clutter", "density"), 1e20, "less than or equal to 0.1"),
+        (("score", "ceiling"), float("nan"), "finite"),
+        (("score", "constant"), float("inf"), "finite"),
+        (("size", "width", "white"), "wide", "valid number"),
+        (("clutter", "density"), [1, 2], "valid number"),
+        (("radial", "drift_share"), 0.9, "drift_share + fixed_share exceed 1"),
+    ],
+)
+def test_bad_keys_and_values_are_named(
+    tmp_path: Path, keys: tuple[str, ...], value: Any, reason: str
+) -> None:
+    """The message names file and key, and says what was expected."""
+    path = changed(tmp_path, keys, value)
+    message = refused(path)
+    assert message.startswith(f"{path}: ")
+    # A rule about two keys names the group that holds both.
+    of_two_keys = "exceed" in reason or "must be below" in reason
+    assert (".".join(keys[:-1] if of_two_keys else keys) or "(top level)") in message
+    assert reason in message
+
+
+def test_a_misspelt_key_is_told_the_known_ones(tmp_path: Path) -> None:
+    """The keys of the very group in which it was not found."""
+    message = refused(changed(tmp_path, ("radial", "per_rnage"), 0.1))
+    assert "unknown key radial.per_rnage; expected one of: drift_share, drift_time" in message
+    assert "per_range" in message
+    assert "clutter" not in message
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"name: [unclosed\nmax_range: 3\n", "YAML error at line 2"),
+        (b"name: a: b\n", "YAML error at line 1"),
+        (b"\tname: tab\n", "YAML error at line 1"),
+        (b"name: \xff\xfe\n", "is not UTF-8 text"),
+        (b"name: 2020-99-99\n", "YAML error: month must be in 1..12"),
+        (b"name: !!int x\n", "YAML error"),
+        (b"name: a\nname: b\n", "YAML error at line 2.*given twice"),
+        (b"[" * 5000, "is nested too deeply"),
+        (b"name: !!python/object/apply:os.system ['true']\n", "YAML error.*python/object"),
+        (b"!!python/object:os.PathLike {}\n", "YAML error.*python/object"),
+        (b'"two\\nlines": 1\n', "unknown key two lines"),
+        (b"", "expected a mapping of keys"),
+        (b"- a\n- list\n", "expected a mapping of keys"),
+        (b"just words\n", "expected a mapping of keys"),
+    ],
+)
+def test_files_that_are_no_profile_are_refused(tmp_path: Path, content: bytes, reason: str) -> None:
+    """Broken YAML, another encoding, Python objects (never constructed), other documents."""
+    path = tmp_path / "broken.yaml"
+    path.write_bytes(content)
+    assert re.match(re.escape(f"{path}: ") + reason, refused(path))
+
+
+def test_missing_files_and_folders_are_refused(tmp_path: Path) -> None:
+    """Whether the suffix is .yaml or .yml."""
+    missing = tmp_path / "missing.yaml"
+    assert refused(missing) == f"{missing}: does not exist; expected a YAML file"
+    assert "does not exist" in refused(str(tmp_path / "missing.yml"))
+    folder = tmp_path / "folder.yaml"
+    folder.mkdir()
+    assert refused(folder) == f"{folder}: is not a regular file; expected a YAML file"
+
+
+def test_a_profile_cannot_be_changed() -> None:
+    """Profiles are frozen: the key of a run stays what it was."""
+    with pytest.raises(ValueError, match="frozen"):
+        load_profile("pointrcnn").max_range = 100.0  # type: ignore[misc]

@@ -1,0 +1,95 @@
+"""Worlds that several claims look at: simulations, each run once per process, and hand-made ones.
+
+Nothing here comes from the code under test but `simulate` and the tables themselves.
+"""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import scenarios
+from mdkf.tables import KINDS, REGIMES, EgoPath, FloatArray, IntArray, Trace
+from sim_bridge import simulate
+
+CAR = (4.5, 1.8, 1.5)  # length, width, height [m]
+
+
+@cache
+def world(name: str, dt: float = 0.1) -> Trace:
+    """Seed 0 of a scenario of the catalogue."""
+    return simulate(scenarios.load(name), 0, dt)
+
+
+def by_object(trace: Trace) -> IntArray:
+    """The order of rows in which every object's life is one run, in order of frames."""
+    return np.lexsort((trace.frame, trace.object_id))
+
+
+def neighbours(trace: Trace) -> tuple[IntArray, IntArray]:
+    """Pairs of rows (before, after) that follow each other in one object's life."""
+    order = by_object(trace)
+    same = np.diff(trace.object_id[order]) == 0
+    return order[:-1][same], order[1:][same]
+
+
+def corners(boxes: FloatArray) -> FloatArray:
+    """Corners (n, 4, 2), counter-clockwise, of boxes (n, 5): x, y, yaw, length, width."""
+    x, y, yaw, length, width = boxes.T[:, :, None]
+    along = length / 2 * np.array([1, -1, -1, 1])
+    across = width / 2 * np.array([1, 1, -1, -1])
+    turned = (along + 1j * across) * np.exp(1j * yaw) + x + 1j * y
+    return np.stack([turned.real, turned.imag], axis=-1)
+
+
+def convoy(
+    distance: ArrayLike,
+    bearing: ArrayLike,
+    visible: ArrayLike,
+    n_frames: int,
+    dt: float = 0.1,
+    seed: str = "0",
+) -> Trace:
+    """Objects 0, 1, ... that keep their distance [m], bearing [rad] and visible fraction.
+
+    All three broadcast to (n,). The sensor drives straight on, away from the origin; objects look
+    in all directions. Row frame * n + object holds an object in a frame.
+    """
+    r, b, shown = np.broadcast_arrays(*(np.asarray(a, float) for a in (distance, bearing, visible)))
+    n = len(r)
+    frame = np.arange(n_frames)
+    velocity = (5.0, -2.0)  # m/s
+    ego = EgoPath.from_columns(
+        {
+            "frame": frame,
+            "x": 300.0 + velocity[0] * frame * dt,
+            "y": -80.0 + velocity[1] * frame * dt,
+            "z": np.full(n_frames, 1.73),
+            "yaw": np.full(n_frames, np.arctan2(velocity[1], velocity[0])),
+        },
+        n_frames=n_frames,
+        dt=dt,
+    )
+
+    def everywhere(values: ArrayLike) -> FloatArray:
+        return np.tile(np.broadcast_to(np.asarray(values, float), n), n_frames)
+
+    columns = {
+        "frame": np.repeat(frame, n),
+        "object_id": np.tile(np.arange(n), n_frames),
+        "kind": everywhere(KINDS.index("car")),
+        "x": np.repeat(ego.x, n) + everywhere(r * np.cos(b)),
+        "y": np.repeat(ego.y, n) + everywhere(r * np.sin(b)),
+        "z": everywhere(CAR[2] / 2),
+        "yaw": everywhere(np.linspace(-3.1, 3.1, n)),
+        "vx": everywhere(velocity[0]),
+        "vy": everywhere(velocity[1]),
+        **{name: everywhere(0.0) for name in ("ax", "ay", "jx", "jy", "yaw_rate", "turning")},
+        **{name: everywhere(size) for name, size in zip(SIZE, CAR, strict=True)},
+        "regime": everywhere(REGIMES.index("constant_velocity")),
+        "visible": everywhere(shown),
+    }
+    return Trace.from_columns(columns, n_frames=n_frames, dt=dt, ego=ego, provenance={"seed": seed})
+
+
+SIZE = ("length", "width", "height")
