@@ -5,9 +5,10 @@ Exit status 0 done, 1 the work failed, 2 bad input, 130 interrupted; errors are 
 
 import json
 import math
+import shlex
 import sys
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -122,25 +123,25 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Simulate, detect, occlude, track with each filter, score: a table and a report."""
+    profile = sim_bridge.load_profile(detector)
     plan = runs.Plan(
         scenarios=_scenarios(names),
         seeds=tuple(range(seeds)),
         filters=_filters(filters),
         detector=detector,
-        settings=_settings(settings, detector),
+        settings=_settings(settings or profile.name),
         occlusion=_occlusion(occlusion),
         gap_truth=_gap_truth(gap_truth),
     )
-    out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+    bars = Progress(*columns, console=console, disable=not console.is_terminal)
+    with _made(out), bars as bar:
         task = bar.add_task("worlds", total=len(plan.seeds) * len(plan.scenarios))
         results = runs.run(plan, out, workers, lambda done: bar.update(task, completed=done))
     for reason in results.refused:
         console.print(f"refused: {reason}", style="yellow", highlight=False)
-    command = "mdkf " + " ".join(sys.argv[1:])
-    page = write_report(plan, results, out, command)
+    page = write_report(plan, results, out, shlex.join(["mdkf", *sys.argv[1:]]))
     if as_json:
         document = {
             "rows": results.table.to_dicts(),
@@ -164,7 +165,7 @@ def list_scenarios(
     as_json: Json = False,
 ) -> None:
     """List the scenarios, or describe one: its parameters with units and bounds."""
-    chosen = _scenarios([name] if name else None)
+    chosen = _scenarios(None if name is None else [name])
     if as_json:
         rows = [
             {
@@ -177,7 +178,7 @@ def list_scenarios(
             for scenario in chosen
         ]
         print(json.dumps({"rows": rows}))
-    elif name:
+    elif name is not None:
         Console().print(terminal.parameter_table(chosen[0]))
     else:
         Console().print(terminal.scenario_table(chosen))
@@ -223,8 +224,8 @@ def track(
     """Track detections with one filter."""
     (chosen,) = _filters(name)
     table = sim_bridge.read_table(detections, Detections)
-    profile = table.provenance.get("detector", "pointrcnn")
-    _write(Tracker(mdkf.estimator(chosen), _settings(settings, profile)).run(table), out)
+    rules = _settings(settings or table.provenance.get("detector", "pointrcnn"))
+    _write(Tracker(mdkf.estimator(chosen), rules).run(table), out)
 
 
 @app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --json")
@@ -263,16 +264,14 @@ def _filters(text: str) -> tuple[str, ...]:
     return names
 
 
-def _settings(name: str | None, detector: str) -> str:
-    """The tracker's settings: as named, else those of the detector's profile."""
-    profile = sim_bridge.load_profile(detector)
-    chosen = name or profile.name
-    if chosen not in DETECTORS:
+def _settings(name: str) -> str:
+    """The name of a tracker's settings: as the user chose, or the detector's own."""
+    if name not in DETECTORS:
         known = ", ".join(DETECTORS)
         raise typer.BadParameter(
-            f"no tracker settings for {chosen!r}; choose with --settings one of: {known}"
+            f"no tracker settings for {name!r}; choose with --settings one of: {known}"
         )
-    return chosen
+    return name
 
 
 def _occlusion(text: str) -> OcclusionProtocol:
@@ -300,6 +299,20 @@ def _parameters(settings: list[str] | None) -> Mapping[str, float]:
         except ValueError:
             raise typer.BadParameter(f"{setting!r}, expected NAME=NUMBER") from None
     return parsed
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """The folder is there; if it is new and the block fails before writing to it, it goes again."""
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _write(table: Trace | Detections | Tracks, out: Path) -> None:

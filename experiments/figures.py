@@ -109,7 +109,8 @@ def _finish_time_axis(axes: Axes, gap_seconds: float) -> None:
     top = axes.get_ylim()[1]
     axes.set_ylim(0, top)
     axes.text(
-        *(gap_seconds / 2, 0.985),
+        gap_seconds / 2,
+        0.985,
         "no detections",
         transform=axes.get_xaxis_transform(),
         ha="center",

@@ -25,11 +25,13 @@ PROVENANCE_KEY = "occlusion"
 @dataclass(frozen=True, eq=False)
 class Gaps:
     """Where detections were removed, all (n,): object_id, and the frames start..stop-1 in which
-    the object has none. A natural miss at its edge belongs to the gap."""
+    the object has none. A natural miss at its edge belongs to the gap. `reappear`: whether the
+    objects are detected again afterwards (mid) or never (late)."""
 
     object_id: IntArray
     start: IntArray
     stop: IntArray
+    reappear: bool = True
 
     def __len__(self) -> int:
         return len(self.object_id)
@@ -100,7 +102,7 @@ class OcclusionProtocol:
                 reappears = frames[last + 1] if self.kind == "mid" else frames[last] + 1
                 found.append((int(identifier), int(frames[first - 1]) + 1, int(reappears)))
         columns = np.array(found, dtype=np.int64).reshape(-1, 3).T
-        return Gaps(*columns)
+        return Gaps(columns[0], columns[1], columns[2], reappear=self.kind == "mid")
 
     def _first_removed(self, frames: IntArray) -> int | None:
         """Index of the first detection to remove, None if the object is not eligible."""
@@ -140,8 +142,8 @@ def recorded_gaps(tracks: Tracks, expected: OcclusionProtocol | None = None) -> 
     protocol = told["protocol"] if told else "none"
     if expected is not None and str(expected) != protocol:
         raise TableError(f"the tracks come from occlusion {protocol}, expected {expected}")
-    rows = told["gaps"] if told else []
-    return Gaps(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
+    rows = np.array(told["gaps"] if told else [], dtype=np.int64).reshape(-1, 3)
+    return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not str(protocol).startswith("late"))
 
 
 def _told(provenance: Mapping[str, str]) -> dict[str, list[list[int]] | str]:

@@ -38,6 +38,7 @@ counts frames from it, error is in metres and null where the followed track is g
 
 def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
     """One row for each gap and frame, from `WINDOW` frames before it to `WINDOW` after it.
+    Where the object does not reappear (late gaps) nothing comes after.
 
     A gap whose object no track follows has track_id -1 and no errors. `captured`: in the gap the
     track took a detection, which cannot be its object's. `recovered`: at the end of the window
@@ -67,7 +68,8 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDAr
     """Columns of one gap; None if the trace does not have the object as the gap begins."""
     object_id, start, stop = (int(a[k]) for a in (gaps.object_id, gaps.start, gaps.stop))
     rows = trace.rows_of(object_id)
-    rows = rows[(trace.frame[rows] >= start - WINDOW) & (trace.frame[rows] < stop + WINDOW)]
+    end = stop + WINDOW if gaps.reappear else stop
+    rows = rows[(trace.frame[rows] >= start - WINDOW) & (trace.frame[rows] < end)]
     frame = trace.frame[rows]
     if start not in frame or start - 1 not in frame:
         return None

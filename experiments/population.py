@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.occlusion import Gaps
-from mdkf.tables import BoolArray, Trace, Tracks
+from mdkf.tables import BoolArray, IntArray, Trace, Tracks
 
 GapTruth = Literal["keep", "ignore"]
 
@@ -37,8 +37,8 @@ class Population:
 def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) -> Population:
     """Rows to score; `gap_truth` says whether truth in the protocol's gaps is kept or ignored.
 
-    Tracks that are assigned to ignored truth, at most 2 m from it, or that lie out of range, are
-    not scored either.
+    Each frame's tracks are assigned to all of its truth, at most 2 m away: a track counts as its
+    object does. A track that belongs to nothing counts (against the filter) within the range.
     """
     if gap_truth not in get_args(GapTruth):
         raise ValueError(f"gap truth {gap_truth!r}, expected one of {get_args(GapTruth)}")
@@ -51,26 +51,21 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     ego = trace.ego
     away = np.hypot(tracks.x - ego.x[tracks.frame], tracks.y - ego.y[tracks.frame])
     scored = away <= SCORED_RANGE
-    for k in np.unique(tracks.frame[scored]):
+    for k in np.unique(tracks.frame):
         truth_rows, track_rows = trace.frame_rows(int(k)), tracks.frame_rows(int(k))
-        scored[track_rows] &= ~_on_ignored(trace, tracks, truth_rows, track_rows, counted)
+        track, row = _assigned(trace, tracks, truth_rows, track_rows)
+        scored[track] = counted[row]
     return Population(counted, scored)
 
 
-def _on_ignored(
-    trace: Trace, tracks: Tracks, truth_rows: slice, track_rows: slice, counted: BoolArray
-) -> BoolArray:
-    """Tracks of one frame that the best assignment to all of its truth puts on ignored rows."""
+def _assigned(
+    trace: Trace, tracks: Tracks, truth_rows: slice, track_rows: slice
+) -> tuple[IntArray, IntArray]:
+    """Rows of tracks and of the truth that the best assignment of one frame gives them."""
     dx = trace.x[truth_rows][:, None] - tracks.x[track_rows]
     dy = trace.y[truth_rows][:, None] - tracks.y[track_rows]
     closeness = np.maximum(MATCH_DISTANCE - np.hypot(dx, dy), 0.0)
-    ignored = ~counted[truth_rows]
-    on_ignored = np.zeros(closeness.shape[1], dtype=np.bool_)
-    near = closeness.any(axis=1)
-    if not (near & ignored).any():
-        return on_ignored
-    rows = np.flatnonzero(near)
-    chosen, track = linear_sum_assignment(closeness[rows], maximize=True)
-    taken = closeness[rows[chosen], track] > 0
-    on_ignored[track[taken]] = ignored[rows[chosen[taken]]]
-    return on_ignored
+    near = np.flatnonzero(closeness.any(axis=1))
+    chosen, track = linear_sum_assignment(closeness[near], maximize=True)
+    taken = closeness[near[chosen], track] > 0
+    return track_rows.start + track[taken], truth_rows.start + near[chosen[taken]]

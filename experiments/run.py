@@ -8,11 +8,14 @@ each filter, gap and frame), `worlds/SCENARIO-SEED/` (the tables behind the pict
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,7 @@ from experiments.statistics import mean_interval
 from experiments.warm_up import compile_sensing, compile_tracking
 from experiments.world import Outcome, World, run_world
 from scenarios import Scenario
-from sim_bridge.parquet import replacing
+from sim_bridge.parquet import write_frame
 
 _ROBMOT = ("ca", "imm", "imm-zero", "md")
 FILTERS = _ROBMOT + tuple(f"{name}-retuned" for name in _ROBMOT)
@@ -109,7 +112,7 @@ def run(
     outcomes: list[Outcome] = []
     interrupted = False
     try:
-        for outcome in _outcomes(worlds, workers or len(os.sched_getaffinity(0))):
+        for outcome in _outcomes(worlds, workers or _cores()):
             outcomes.append(outcome)
             progress(len(outcomes))
     except KeyboardInterrupt:
@@ -134,8 +137,7 @@ def run(
         ("worlds", results.worlds),
         ("errors", results.errors),
     ):
-        with replacing(out / f"{name}.parquet") as temporary:
-            table.write_parquet(temporary)
+        write_frame(table, out / f"{name}.parquet")
     return results
 
 
@@ -144,32 +146,46 @@ def _outcomes(worlds: Sequence[World], workers: int) -> Iterator[Outcome]:
     if workers == 1:
         yield from map(run_world, worlds)
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(worlds)), context, initializer=_ignore_interrupt)
-    # The first run on a machine compiles the kernels: each of two processes a half, not both all.
-    for compile_half in (compile_sensing, partial(compile_tracking, worlds[0].filters)):
-        pool.submit(compile_half)
-    futures = [pool.submit(run_world, world) for world in worlds]
-    told: set[Future[Outcome]] = set()
+    waiting = iter(worlds)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+    running: set[Future[Outcome]] = set()
     try:
-        for future in as_completed(futures):
-            told.add(future)
-            yield future.result()
+        with _interrupts_ignored():
+            # The first run on a machine compiles the kernels: each of two workers a half.
+            for compile_half in (compile_sensing, partial(compile_tracking, worlds[0].filters)):
+                pool.submit(compile_half)
+            running.update(pool.submit(run_world, world) for world in islice(waiting, workers))
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            running.update(pool.submit(run_world, world) for world in islice(waiting, len(done)))
+            yield from (future.result() for future in done)
     except BrokenProcessPool:
         raise RunFailed("a worker process died (killed, or out of memory)") from None
     except KeyboardInterrupt:
-        pool.shutdown(cancel_futures=True)
-        for future in futures:
-            if future not in told and not future.cancelled() and future.exception() is None:
-                yield future.result()
+        yield from (future.result() for future in running if future.exception() is None)
         raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interrupt() -> None:
-    """Ctrl-C reaches the whole process group; only the parent acts on it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ctrl-C reaches the whole process group; workers started in here leave it to the parent."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def _cores() -> int:
+    """Cores that this process may use; where the system does not tell, all."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _summarise(per_world: pl.DataFrame, plan: Plan) -> pl.DataFrame:

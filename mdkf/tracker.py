@@ -228,7 +228,11 @@ class Tracker:
             fixed,
             n_frames=detections.n_frames,
             dt=detections.dt,
-            provenance={**detections.provenance, "estimator": repr(self.estimator)},
+            provenance={
+                **detections.provenance,
+                "estimator": repr(self.estimator),
+                "settings": repr(self.settings),
+            },
             diagnostics=diagnostics,
         )
 

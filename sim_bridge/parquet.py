@@ -6,6 +6,7 @@ version, content hash and provenance travel in the file's metadata.
 """
 
 import contextlib
+import errno
 import json
 import os
 import tempfile
@@ -44,8 +45,7 @@ def write_table(table: Table, path: str | Path) -> None:
         "provenance": dict(table.provenance),
         "diagnostics": list(getattr(table, "diagnostics", ())),
     }
-    with replacing(Path(path)) as temporary:
-        data.write_parquet(temporary, metadata={_KEY: json.dumps(header, sort_keys=True)})
+    write_frame(data, Path(path), {_KEY: json.dumps(header, sort_keys=True)})
 
 
 def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
@@ -71,13 +71,30 @@ def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
     return table
 
 
+def write_frame(data: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write a polars frame as Parquet, whole or not at all; `OSError` names the file."""
+    with replacing(path) as temporary:
+        try:
+            data.write_parquet(temporary, metadata=metadata)
+        except pl.exceptions.PolarsError as error:
+            raise OSError(errno.EIO, f"cannot be written: {_one_line(error)}", str(path)) from error
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside `path` that takes its place when the block ends well.
 
-    Whatever interrupts the block, `path` is either as it was or complete.
+    Whatever interrupts the block, `path` is either as it was or complete. `OSError` where the
+    folder is missing or cannot be written to, or where `path` is no regular file.
     """
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EEXIST, "is not a regular file", str(path))
+    try:
+        descriptor, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.name}.", suffix=".part"
+        )
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     os.close(descriptor)
     temporary = Path(name)
     try:

@@ -1,10 +1,15 @@
-"""Random valid tables for property tests."""
+"""Tables for the tests: random ones, and small ones written by hand."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from experiments.occlusion import Gaps
 from mdkf.tables import KINDS, REGIMES, Detections, EgoPath, Trace, Tracks
+
+Rows = Sequence[tuple[int, int, float, float]]
+"""(frame, object or track, x [m], y [m])"""
 
 
 def random_trace(rng: np.random.Generator, rows: int) -> Trace:
@@ -54,3 +59,44 @@ def _keys(rng: np.random.Generator, name: str, rows: int) -> dict[str, Any]:
     """Distinct (frame, id) pairs in random order, including none at all in some frames."""
     pairs = rng.permutation(12 * 10)[:rows]
     return {"frame": pairs % 12, name: pairs // 12}
+
+
+def trace_of(rows: Rows, n_frames: int, ego: float = 0.0, **columns: Sequence[float]) -> Trace:
+    """Truth of cars in full view; the sensor starts at the origin, `ego` metres along x a frame.
+
+    columns: further columns in the order of `rows`, e.g. visible.
+    """
+    frame, identifier, x, y = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    values = {name: np.zeros(len(frame)) for name in Trace.column_types()}
+    values |= {"frame": frame, "object_id": identifier, "x": x, "y": y}
+    values |= {"length": np.full(len(frame), 4.5), "width": np.full(len(frame), 1.8)}
+    values |= {"height": np.full(len(frame), 1.5), "visible": np.ones(len(frame))}
+    values |= {name: np.asarray(given, dtype=np.float64) for name, given in columns.items()}
+    path = {name: np.zeros(n_frames) for name in EgoPath.column_types()}
+    path |= {"frame": np.arange(n_frames), "x": ego * np.arange(n_frames)}
+    return Trace.from_columns(
+        values,
+        n_frames=n_frames,
+        dt=0.1,
+        ego=EgoPath.from_columns(path, n_frames=n_frames, dt=0.1),
+    )
+
+
+def tracks_of(
+    rows: Rows,
+    n_frames: int,
+    coasted: Sequence[bool] | None = None,
+    provenance: dict[str, str] | None = None,
+) -> Tracks:
+    """Tracks at the given places; `coasted` in the order of `rows`."""
+    frame, identifier, x, y = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    values = {name: np.ones(len(frame)) for name in Tracks.column_types()}
+    values |= {"frame": frame, "track_id": identifier, "x": x, "y": y}
+    values |= {"cov_xy": np.zeros(len(frame))}
+    values |= {"coasted": np.zeros(len(frame)) if coasted is None else np.asarray(coasted)}
+    return Tracks.from_columns(values, n_frames=n_frames, dt=0.1, provenance=provenance or {})
+
+
+def gaps_of(*gaps: tuple[int, int, int]) -> Gaps:
+    """Gaps of (object, start, stop)."""
+    return Gaps(*np.array(gaps, dtype=np.int64).reshape(-1, 3).T)

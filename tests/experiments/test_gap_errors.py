@@ -8,7 +8,7 @@ import pytest
 
 from experiments.phases import WINDOW, drift_gaps, gap_errors
 from mdkf.tables import REGIMES, Trace
-from tests.experiments.test_population import gaps_of, trace_of, tracks_of
+from tests.tables import gaps_of, trace_of, tracks_of
 
 N = 60
 OBJECT, TRACK = 3, 8

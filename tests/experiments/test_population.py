@@ -1,60 +1,13 @@
 """Claim: truth counts within range and where visible or in a gap; a track on what does not count is
 neither right nor wrong; every other track counts."""
 
-from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
 import pytest
 
-from experiments.occlusion import Gaps
 from experiments.population import MATCH_DISTANCE, SCORED_RANGE, SCORED_VISIBLE, population
-from mdkf.tables import EgoPath, Trace, Tracks
-
-Rows = Sequence[tuple[int, int, float, float]]
-"""(frame, object or track, x [m], y [m])"""
-
-
-def trace_of(rows: Rows, n_frames: int, ego: float = 0.0, **columns: Sequence[float]) -> Trace:
-    """Truth of cars in full view; the sensor starts at the origin, `ego` metres along x a frame.
-
-    columns: further columns in the order of `rows`, e.g. visible.
-    """
-    frame, identifier, x, y = np.array(rows, dtype=np.float64).reshape(-1, 4).T
-    values = {name: np.zeros(len(frame)) for name in Trace.column_types()}
-    values |= {"frame": frame, "object_id": identifier, "x": x, "y": y}
-    values |= {"length": np.full(len(frame), 4.5), "width": np.full(len(frame), 1.8)}
-    values |= {"height": np.full(len(frame), 1.5), "visible": np.ones(len(frame))}
-    values |= {name: np.asarray(given, dtype=np.float64) for name, given in columns.items()}
-    path = {name: np.zeros(n_frames) for name in EgoPath.column_types()}
-    path |= {"frame": np.arange(n_frames), "x": ego * np.arange(n_frames)}
-    return Trace.from_columns(
-        values,
-        n_frames=n_frames,
-        dt=0.1,
-        ego=EgoPath.from_columns(path, n_frames=n_frames, dt=0.1),
-    )
-
-
-def tracks_of(
-    rows: Rows,
-    n_frames: int,
-    coasted: Sequence[bool] | None = None,
-    provenance: dict[str, str] | None = None,
-) -> Tracks:
-    """Tracks at the given places; `coasted` in the order of `rows`."""
-    frame, identifier, x, y = np.array(rows, dtype=np.float64).reshape(-1, 4).T
-    values = {name: np.ones(len(frame)) for name in Tracks.column_types()}
-    values |= {"frame": frame, "track_id": identifier, "x": x, "y": y}
-    values |= {"cov_xy": np.zeros(len(frame))}
-    values |= {"coasted": np.zeros(len(frame)) if coasted is None else np.asarray(coasted)}
-    return Tracks.from_columns(values, n_frames=n_frames, dt=0.1, provenance=provenance or {})
-
-
-def gaps_of(*gaps: tuple[int, int, int]) -> Gaps:
-    """Gaps of (object, start, stop)."""
-    return Gaps(*np.array(gaps, dtype=np.int64).reshape(-1, 3).T)
-
+from tests.tables import gaps_of, trace_of, tracks_of
 
 NO_GAPS = gaps_of()
 NO_TRACKS = tracks_of([], 20)
@@ -188,3 +141,13 @@ def test_an_unknown_convention_is_refused() -> None:
     """The error shows the two that there are."""
     with pytest.raises(ValueError, match="'drop', expected one of"):
         population(trace_of([], 20), NO_TRACKS, NO_GAPS, "drop")  # type: ignore[arg-type]
+
+
+def test_a_track_counts_as_its_object_does_across_the_range() -> None:
+    """An object just inside the range whose track is just outside is found, not missed; the
+    other way round neither counts."""
+    trace = trace_of([(0, 1, 59.9, 0.0), (0, 2, 0.0, 60.1)], 20)
+    tracks = tracks_of([(0, 1, 60.1, 0.0), (0, 2, 0.0, 59.9), (0, 3, 0.0, -61.0)], 20)
+    kept = population(trace, tracks, NO_GAPS, "keep")
+    assert kept.truth.tolist() == [True, False]
+    assert kept.tracks.tolist() == [True, False, False]

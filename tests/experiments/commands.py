@@ -1,0 +1,67 @@
+"""Running `mdkf` in the tests, and the files it is given."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import scenarios
+
+BUS_STOP = scenarios.load("bus_stop").definition.parent
+COLOURING = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+"""With these in the environment, rich takes anything for a terminal and draws progress."""
+
+
+class Answer(NamedTuple):
+    """What a command did."""
+
+    status: int
+    out: str
+    err: str
+
+
+Mdkf = Callable[..., Answer]
+
+
+def in_a_process(*arguments: str, folder: Path | None = None) -> Answer:
+    """`mdkf ARGUMENTS...` in a process of its own, wherever it is installed."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from experiments.command_line import main; main()", *arguments],
+        cwd=folder,
+        env={name: value for name, value in os.environ.items() if name not in COLOURING},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return Answer(done.returncode, done.stdout, done.stderr)
+
+
+def shortened(folder: Path, **changed: Callable[[str], str]) -> Path:
+    """A user's copy of bus_stop, 10 s long, in `folder`; `changed` edits network, routes or
+    scenario."""
+    shutil.copytree(BUS_STOP, folder)
+    edits: dict[str, Callable[[str], str]] = {"scenario": lambda text: text, **changed}
+    files = {"network": "network.net.xml", "routes": "routes.rou.xml", "scenario": "scenario.yaml"}
+    for key, edit in edits.items():
+        path = folder / files[key]
+        path.write_text(edit(path.read_text()))
+    definition = folder / "scenario.yaml"
+    text = definition.read_text()
+    assert "duration: 60.0" in text
+    definition.write_text(text.replace("duration: 60.0", "duration: 10.0"))
+    return definition
+
+
+def assert_refused(answer: Answer, folder: Path, *parts: str) -> None:
+    """Status 2, one line on stderr that holds all parts, nothing on stdout, no file written."""
+    assert answer.status == 2, answer
+    assert answer.out == ""
+    assert re.fullmatch(r"mdkf: [^\n]+\n", answer.err), answer.err
+    assert "Traceback" not in answer.err
+    for part in parts:
+        assert part in answer.err
+    assert [p for p in folder.rglob("*") if p.is_file()] == []
