@@ -11,7 +11,7 @@ INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check -c const
 demo: clean
 	@$(MAKE) --no-print-directory $(VENV)/bin/python
 	@echo 'installing mdkf into $(VENV): a minute or two, 1.2 GB with the simulators'
-	@$(INSTALL) .
+	@$(INSTALL) -e .
 	@sh .ci/system-libraries
 	$(BIN)/mdkf run --out out
 
