@@ -151,7 +151,7 @@ def run(
         }
         print(json.dumps(document, allow_nan=False))
     else:
-        shown = Console(width=max(Console().width, 140))
+        shown = Console(width=max(Console().width, 156))
         shown.print(terminal.results_table(results.table))
         shown.print(terminal.difference_table(results.differences))
         print(f"report: {page}")

@@ -2,7 +2,7 @@
 
 The track followed is the one nearest to the object in the last frame before the gap. Its error is
 measured as long as it lives, wherever it goes; that another detection captured it in the gap, that
-it was deleted or never regained its object is told apart from drift.
+it was deleted there or never regained its object is told apart from drift.
 """
 
 from typing import Any
@@ -30,6 +30,7 @@ SCHEMA = {
     "phase": pl.String,
     "error": pl.Float64,
     "captured": pl.Boolean,
+    "deleted": pl.Boolean,
     "recovered": pl.Boolean,
 }
 """Columns of `gap_errors`: regime and turning are the truth's at the gap's first frame, offset
@@ -41,8 +42,8 @@ def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
     Where the object does not reappear (late gaps) nothing comes after.
 
     A gap whose object no track follows has track_id -1 and no errors. `captured`: in the gap the
-    track took a detection, which cannot be its object's. `recovered`: at the end of the window
-    it is with its object, and has been detected since the gap.
+    track took a detection, which cannot be its object's. `deleted`: it ended before the gap did.
+    `recovered`: at the end of the window it is with its object, and has been detected since.
     """
     every = (_one_gap(trace, tracks, gaps, k) for k in range(len(gaps)))
     parts = [part for part in every if part is not None]
@@ -52,16 +53,19 @@ def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
     return pl.DataFrame(columns, schema=SCHEMA).with_columns(pl.col("error").fill_nan(None))
 
 
-def drift_gaps(errors: pl.DataFrame) -> pl.DataFrame:
-    """The rows of those gaps in which nothing but drift happened, to any filter.
+def drift_rows(errors: pl.DataFrame) -> pl.DataFrame:
+    """The rows in which nothing but drift happens, to any filter.
 
     errors: `gap_errors` of several filters on the same detections, with a column `filter` (and
     any that tell worlds apart). A gap stays if every filter followed its object and no filter's
-    track was captured in it, so all filters are compared on the same gaps.
+    track was captured in it; of its frames those stay in which every filter's track is alive. So
+    all filters are compared on the same frames: one that gives up on the hard gaps does not look
+    better for it.
     """
     gap = [c for c in ("scenario", "seed", "object_id", "gap_start") if c in errors.columns]
     free = (pl.col("track_id") >= 0) & ~pl.col("captured")
-    return errors.filter(free.all().over(gap))
+    alive = pl.col("error").is_not_null()
+    return errors.filter(free.all().over(gap) & alive.all().over([*gap, "frame"]))
 
 
 def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDArray[Any]] | None:
@@ -76,7 +80,7 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDAr
     at_start = rows[np.searchsorted(frame, start)]
     followed = _followed(trace, tracks, rows[np.searchsorted(frame, start - 1)])
     error = np.full(len(rows), np.nan)
-    captured = recovered = False
+    captured = deleted = recovered = False
     if followed >= 0:
         own = tracks.rows_of(followed)
         place = np.searchsorted(tracks.frame[own], frame)
@@ -88,7 +92,8 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDAr
         )
         detected = np.zeros(len(rows), dtype=np.bool_)
         detected[alive] = ~tracks.coasted[at]
-        captured = bool(detected[(frame >= start) & (frame < stop)].any())
+        in_gap = (frame >= start) & (frame < stop)
+        captured, deleted = bool(detected[in_gap].any()), not alive[in_gap].all()
         after = frame >= stop
         recovered = bool(detected[after].any() and error[-1] < MATCH_DISTANCE)
     n = len(rows)
@@ -105,6 +110,7 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDAr
         "phase": phase,
         "error": error,
         "captured": np.full(n, captured),
+        "deleted": np.full(n, deleted),
         "recovered": np.full(n, recovered),
     }
 

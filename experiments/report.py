@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from experiments import figures
-from experiments.phases import drift_gaps
+from experiments.phases import drift_rows
 from experiments.run import Plan, Results, kept_folder
 from experiments.statistics import mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
@@ -32,7 +32,7 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         lstrip_blocks=True,
     )
     drawn = drawn_filters(plan.filters)
-    drift = drift_gaps(results.errors)
+    drift = drift_rows(results.errors)
     page = environment.get_template("report.html.j2").render(
         plan=plan,
         command=command,
@@ -132,7 +132,7 @@ def _gap_pictures(
     pictures = []
     for scenario in plan.scenarios:
         folder = kept_folder(out, scenario.name, plan.seeds[0])
-        own = drift_gaps(results.errors).filter(scenario=scenario.name, seed=plan.seeds[0])
+        own = results.errors.filter(scenario=scenario.name, seed=plan.seeds[0])
         if own.is_empty() or not folder.is_dir():
             continue
         trace = read_table(folder / "trace.parquet", Trace)
@@ -140,7 +140,7 @@ def _gap_pictures(
         tracks = {name: read_table(folder / f"tracks-{name}.parquet", Tracks) for name in filters}
         distance = trace.sensor_distance()
         for label, standing in (("standing", True), ("moving", False)):
-            gap = _nearest_gap(trace, distance, own, standing)
+            gap = _nearest_gap(trace, distance, drift_rows(own), standing)
             if gap is None:
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])

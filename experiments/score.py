@@ -40,13 +40,13 @@ class Scores:
 
         hota, deta, assa, mota, motp, idf1 in percent; idsw, fp, fn, gaps, followed are counts.
         error_before, error_gap, error_after: mean position error over the frames of all followed
-        gaps [m]; gap_median: its median in the gap. captured: percent of followed gaps in which
-        another detection took the track; lost: percent of those with a reappearing object whose
-        track is not with it afterwards.
+        gaps [m], as long as the track lives; gap_median: its median in the gap. captured: percent
+        of followed gaps in which another detection took the track; deleted: in which it ended;
+        lost: percent of those with a reappearing object whose track is not with it afterwards.
         """
         followed = self.errors.filter(pl.col("track_id") >= 0)
         by_gap = followed.group_by("object_id").agg(
-            pl.col("captured", "recovered").first(),
+            pl.col("captured", "deleted", "recovered").first(),
             (pl.col("phase") == "after").any().alias("reappears"),
         )
         in_gap = followed.filter(pl.col("phase") == "gap")
@@ -67,6 +67,7 @@ class Scores:
             },
             "gap_median": _value(in_gap["error"].median()),
             "captured": 100 * _value(by_gap["captured"].mean()),
+            "deleted": 100 * _value(by_gap["deleted"].mean()),
             "lost": 100 * _value(lost["recovered"].mean()),
             "gaps": float(len(self.gaps)),
             "followed": float(len(by_gap)),

@@ -21,6 +21,7 @@ COLUMNS = (
     ("error_after", "after [m]", 2, True),
     ("drift", "drift [m]", 2, True),
     ("captured", "capt. %", 0, True),
+    ("deleted", "del. %", 0, True),
     ("lost", "lost %", 0, True),
     ("ms_per_frame", "ms/frame", 2, True),
 )
@@ -65,7 +66,7 @@ def results_table(results: pl.DataFrame) -> Table:
 
 
 def difference_table(differences: pl.DataFrame) -> Table:
-    """Paired differences of the drift and of the whole error in the gap."""
+    """Paired differences of the drift and of HOTA."""
     title = "Differences paired over seeds, with 95 % intervals: is the first filter better?"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
     table.add_column("scenario", no_wrap=True)
@@ -79,8 +80,10 @@ def difference_table(differences: pl.DataFrame) -> Table:
     return table
 
 
-DIFFERENCES = {"drift": "drift [m]", "error_gap": "error in the gap [m]"}
+DIFFERENCES = {"drift": "drift [m]", "hota": "HOTA [points]"}
 """Metrics whose paired differences are shown."""
+
+SMALLER_IS_BETTER = {column: smaller for column, _, _, smaller in COLUMNS}
 
 
 def paired_rows(differences: pl.DataFrame) -> list[dict[str, str]]:
@@ -99,14 +102,12 @@ def paired_rows(differences: pl.DataFrame) -> list[dict[str, str]]:
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """What a paired difference of errors says of its first filter."""
+    """What a paired difference says of its first filter."""
     if row["low"] is None:
         return "too few seeds"
-    if row["high"] < 0:
-        return "better"
-    if row["low"] > 0:
-        return "worse"
-    return "not separable"
+    if row["low"] <= 0 <= row["high"]:
+        return "not separable"
+    return "better" if (row["high"] < 0) == SMALLER_IS_BETTER[row["metric"]] else "worse"
 
 
 def scenario_table(catalogue: Iterable[Scenario]) -> Table:

@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 
 from experiments.occlusion import OcclusionProtocol
-from experiments.phases import drift_gaps
+from experiments.phases import drift_rows
 from experiments.population import GapTruth
 from experiments.score import score
 from mdkf import Detections, Tracker, Tracks, estimator
@@ -54,7 +54,8 @@ def run_world(world: World) -> Outcome:
     """Run one world. Every filter gets the same detections.
 
     To the scores of each filter come `ms_per_frame`, the tracker's CPU time per frame [ms], and
-    `drift`, the mean error in those `drift_gaps` in which no filter's track was captured [m].
+    `drift`, the mean error in the gap over `drift_rows`, the same frames for all filters [m],
+    which come from `drift_gaps` gaps.
     """
     name, seed = world.scenario.name, world.seed
     try:
@@ -78,7 +79,7 @@ def run_world(world: World) -> Outcome:
         if world.keep is not None:
             write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
     together = pl.concat(errors)
-    drift = drift_gaps(together).filter(pl.col("phase") == "gap")
+    drift = drift_rows(together).filter(pl.col("phase") == "gap")
     for row in rows:
         own = drift.filter(filter=row["filter"])["error"].mean()
         row["drift"] = math.nan if own is None else own

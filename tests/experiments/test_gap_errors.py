@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from experiments.phases import WINDOW, drift_gaps, gap_errors
+from experiments.phases import WINDOW, drift_rows, gap_errors
 from mdkf.tables import REGIMES, Trace
 from tests.tables import gaps_of, trace_of, tracks_of
 
@@ -72,6 +72,7 @@ def test_a_track_that_is_deleted_in_the_gap_has_no_error_from_there_on() -> None
         assert error == (0.0 if frame < 25 else None)
     assert errors["track_id"].unique().to_list() == [TRACK]
     assert not errors["recovered"].any()
+    assert errors["deleted"].all()
 
 
 def test_the_followed_track_is_the_nearest_before_the_gap_and_is_followed_anywhere() -> None:
@@ -172,17 +173,22 @@ def test_no_gaps_give_an_empty_table_of_the_same_columns() -> None:
 
 
 def rows_of_gap(
-    seed: int, filter_name: str, gap: int, track_id: int = 5, captured: bool = False
+    seed: int,
+    filter_name: str,
+    gap: int,
+    track_id: int = 5,
+    captured: bool = False,
+    errors: tuple[float | None, float | None] = (0.5, 0.5),
 ) -> list[dict[str, object]]:
-    """Two rows of one gap as `drift_gaps` gets them."""
+    """Two rows of one gap as `drift_rows` gets them."""
     row = {"scenario": "s", "seed": seed, "filter": filter_name, "object_id": gap, "gap_start": 9}
     row |= {"track_id": track_id, "captured": captured}
-    return [row | {"frame": frame, "error": 0.5} for frame in (9, 10)]
+    return [row | {"frame": k, "error": e} for k, e in zip((9, 10), errors, strict=True)]
 
 
-def test_drift_gaps_are_those_free_of_capture_in_every_filter() -> None:
-    """Gap 1 is free, 2 is captured in one filter, 3 is unfollowed in one; in another seed the same
-    objects' gaps are judged for themselves."""
+def test_drift_is_compared_in_frames_that_every_filter_coasts_through() -> None:
+    """Gap 1 is free; 2 is captured and 3 unfollowed in one filter; in 4 one filter's track is gone
+    in the second frame; in another seed the same objects' gaps are judged for themselves."""
     errors = pl.DataFrame(
         [
             *rows_of_gap(0, "ca", 1),
@@ -191,12 +197,15 @@ def test_drift_gaps_are_those_free_of_capture_in_every_filter() -> None:
             *rows_of_gap(0, "md", 2, captured=True),
             *rows_of_gap(0, "ca", 3, track_id=-1),
             *rows_of_gap(0, "md", 3),
+            *rows_of_gap(0, "ca", 4),
+            *rows_of_gap(0, "md", 4, errors=(0.5, None)),
             *rows_of_gap(1, "ca", 1, captured=True),
             *rows_of_gap(1, "md", 1),
             *rows_of_gap(1, "ca", 2),
             *rows_of_gap(1, "md", 2),
         ]
     )
-    kept = drift_gaps(errors).select("seed", "filter", "object_id").unique().sort(pl.all())
-    assert kept.rows() == [(0, "ca", 1), (0, "md", 1), (1, "ca", 2), (1, "md", 2)]
-    assert len(drift_gaps(errors)) == 8
+    kept = drift_rows(errors).filter(filter="ca").select("seed", "object_id", "frame")
+    assert kept.rows() == [(0, 1, 9), (0, 1, 10), (0, 4, 9), (1, 2, 9), (1, 2, 10)]
+    other = drift_rows(errors).filter(filter="md").select("seed", "object_id", "frame")
+    assert other.equals(kept)
