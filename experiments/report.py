@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from experiments import figures
 from experiments.phases import drift_rows
-from experiments.run import Plan, Results, kept_folder
+from experiments.run import SUBJECT, Plan, Results, kept_folder
 from experiments.statistics import mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
 from mdkf.tables import REGIMES, Detections, Trace, Tracks
@@ -44,6 +44,8 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         differences=paired_rows(results.differences),
         difference_headings=DIFFERENCES,
         regimes=_regime_rows(drift, drawn),
+        subject=SUBJECT,
+        opponents=[name for name in drawn if name != SUBJECT] if SUBJECT in drawn else [],
         drawn=drawn,
         mean_figure=_svg(figures.mean_error_figure(drift, drawn, plan.occlusion.length, DT))
         if len(drift)
@@ -102,14 +104,28 @@ def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any
         gaps = own.filter(filter=filters[0]).select("scenario", "seed", "object_id").n_unique()
         cells = [_regime_cell(own.filter(filter=name)) for name in filters]
         least = min(cell["value"] for cell in cells)
+        if SUBJECT in filters:
+            for name, cell in zip(filters, cells, strict=True):
+                cell["paired"] = _paired(own, name) if name != SUBJECT else None
         rows.append(
             {
                 "regime": regime.replace("_", " "),
                 "gaps": gaps,
-                "cells": [{**cell, "best": cell["value"] == least} for cell in cells],
+                "cells": [
+                    {"paired": None, **cell, "best": cell["value"] == least} for cell in cells
+                ],
             }
         )
     return rows
+
+
+def _paired(errors: pl.DataFrame, opponent: str) -> str:
+    """Difference of the seeds' mean errors, subject minus opponent, with its interval."""
+    by_seed = errors.group_by("seed", "filter").agg(pl.col("error").mean())
+    pairs = by_seed.pivot("filter", index="seed", values="error")
+    interval = mean_interval(pairs[SUBJECT] - pairs[opponent])
+    shown = f"{interval.mean:+.2f}"
+    return f"{shown} [{interval.low:+.2f}, {interval.high:+.2f}]" if interval.n > 1 else shown
 
 
 def _regime_cell(errors: pl.DataFrame) -> dict[str, Any]:
