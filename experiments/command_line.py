@@ -153,7 +153,8 @@ def run(
     else:
         shown = Console(width=max(Console().width, 156))
         shown.print(terminal.results_table(results.table))
-        shown.print(terminal.difference_table(results.differences))
+        if not results.differences.is_empty():
+            shown.print(terminal.difference_table(results.differences))
         print(f"report: {page}")
     if results.interrupted:
         raise KeyboardInterrupt

@@ -67,18 +67,20 @@ def gap_figure(
 
 def mean_error_figure(
     errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float
-) -> Figure:
+) -> Figure | None:
     """Mean error over time around all gaps of exactly `length` frames, one panel a scenario.
 
-    The band is the 95 % interval over seeds of the seeds' means.
+    The band is the 95 % interval over seeds of the seeds' means. None without such a gap.
     """
     exact = errors.filter(
         (pl.col("gap_stop") - pl.col("gap_start") == length) & pl.col("error").is_not_null()
     )
+    if exact.is_empty():
+        return None
     scenarios = exact["scenario"].unique(maintain_order=True).to_list()
-    figure = Figure(figsize=(5.5 * max(len(scenarios), 1), 4.2), layout="constrained")
-    panels = figure.subplots(1, max(len(scenarios), 1), sharey=True, squeeze=False)[0]
-    for axes, scenario in zip(panels, scenarios, strict=False):
+    figure = Figure(figsize=(5.5 * len(scenarios), 4.2), layout="constrained")
+    panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
+    for axes, scenario in zip(panels, scenarios, strict=True):
         own = exact.filter(scenario=scenario)
         n_gaps = own.select("seed", "object_id").n_unique()
         for name, colour in colours(filters).items():

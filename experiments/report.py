@@ -33,6 +33,7 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
     )
     drawn = drawn_filters(plan.filters)
     drift = drift_rows(results.errors)
+    mean_figure = figures.mean_error_figure(drift, drawn, plan.occlusion.length, DT)
     page = environment.get_template("report.html.j2").render(
         plan=plan,
         command=command,
@@ -47,9 +48,7 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         subject=SUBJECT,
         opponents=[name for name in drawn if name != SUBJECT] if SUBJECT in drawn else [],
         drawn=drawn,
-        mean_figure=_svg(figures.mean_error_figure(drift, drawn, plan.occlusion.length, DT))
-        if len(drift)
-        else None,
+        mean_figure=_svg(mean_figure) if mean_figure else None,
         gaps=_gap_pictures(plan, results, out, drawn),
     )
     path = out / NAME

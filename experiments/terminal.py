@@ -54,7 +54,8 @@ def results_table(results: pl.DataFrame) -> Table:
     for (scenario,), group in results.group_by("scenario", maintain_order=True):
         rows = group.to_dicts()
         leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
-        table.add_row(f"[italic]{scenario}, {rows[0]['seeds']} seeds[/italic]")
+        seeds = rows[0]["seeds"]
+        table.add_row(f"[italic]{scenario}, {seeds} seed{'s' * (seeds != 1)}[/italic]")
         for row in rows:
             cells = []
             for column, _, decimals, _ in COLUMNS:
