@@ -6,9 +6,10 @@ Exit status 0 done, 1 the work failed, 2 bad input, 130 interrupted; errors are 
 import json
 import math
 import shlex
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -58,7 +59,9 @@ Occlusion = Annotated[
     str,
     typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
 ]
-Detector = Annotated[str, typer.Option(help="A detector profile's name, or its YAML file.")]
+Detector = Annotated[
+    str, typer.Option(help="A detector profile's name, or its YAML file (then give --settings).")
+]
 Settings = Annotated[
     str | None,
     typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
@@ -140,7 +143,7 @@ def run(
         task = bar.add_task("worlds", total=len(plan.seeds) * len(plan.scenarios))
         results = runs.run(plan, out, workers, lambda done: bar.update(task, completed=done))
     for reason in results.refused:
-        console.print(f"refused: {reason}", style="yellow", highlight=False)
+        console.print(f"refused: {reason}", style="yellow", highlight=False, markup=False)
     page = write_report(plan, results, out, shlex.join(["mdkf", *sys.argv[1:]]))
     if as_json:
         document = {
@@ -151,8 +154,9 @@ def run(
         }
         print(json.dumps(document, allow_nan=False))
     else:
-        shown = Console(width=max(Console().width, 156))
-        shown.print(terminal.results_table(results.table))
+        shown = Console() if Console().is_terminal else Console(width=terminal.FULL_WIDTH)
+        wide = shown.width >= terminal.FULL_WIDTH
+        shown.print(terminal.results_table(results.table, intervals=wide))
         if not results.differences.is_empty():
             shown.print(terminal.difference_table(results.differences))
         print(f"report: {page}")
@@ -223,10 +227,13 @@ def track(
     settings: Settings = None,
 ) -> None:
     """Track detections with one filter."""
-    (chosen,) = _filters(name)
+    try:
+        chosen = mdkf.estimator(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
     table = sim_bridge.read_table(detections, Detections)
     rules = _settings(settings or table.provenance.get("detector", "pointrcnn"))
-    _write(Tracker(mdkf.estimator(chosen), rules).run(table), out)
+    _write(Tracker(chosen, rules).run(table), out)
 
 
 @app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --json")
@@ -304,15 +311,14 @@ def _parameters(settings: list[str] | None) -> Mapping[str, float]:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """The folder is there; if it is new and the block fails before writing to it, it goes again."""
-    new = not folder.exists()
+    """The folder is there; what was made for it goes again if the block meets bad input."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
-    except BaseException:
-        if new:
-            with suppress(OSError):
-                folder.rmdir()
+    except BAD_INPUT:
+        if missing:
+            shutil.rmtree(missing[-1], ignore_errors=True)
         raise
 
 

@@ -65,16 +65,15 @@ def gap_figure(
     return figure
 
 
-def mean_error_figure(
+def mean_drift_figure(
     errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float
 ) -> Figure | None:
-    """Mean error over time around all gaps of exactly `length` frames, one panel a scenario.
+    """Mean drift over time around all gaps of exactly `length` frames, one panel a scenario.
 
     The band is the 95 % interval over seeds of the seeds' means. None without such a gap.
     """
-    exact = errors.filter(
-        (pl.col("gap_stop") - pl.col("gap_start") == length) & pl.col("error").is_not_null()
-    )
+    of_length = pl.col("gap_stop") - pl.col("gap_start") == length
+    exact = errors.filter(of_length & pl.col("drift").is_not_null())
     if exact.is_empty():
         return None
     scenarios = exact["scenario"].unique(maintain_order=True).to_list()
@@ -87,11 +86,11 @@ def mean_error_figure(
             by_seed = (
                 own.filter(filter=name)
                 .group_by("offset", "seed")
-                .agg(pl.col("error").mean())
+                .agg(pl.col("drift").mean())
                 .sort("offset", "seed")
             )
             offsets = by_seed["offset"].unique(maintain_order=True).to_numpy()
-            intervals = [mean_interval(by_seed.filter(offset=k)["error"]) for k in offsets]
+            intervals = [mean_interval(by_seed.filter(offset=k)["drift"]) for k in offsets]
             seconds = offsets * dt
             mean = [interval.mean for interval in intervals]
             axes.plot(seconds, mean, color=colour, label=name, linewidth=1.8)
@@ -101,7 +100,7 @@ def mean_error_figure(
         axes.set_title(f"{scenario}: {n_gaps} gaps", fontsize=10)
     for axes in panels:
         _finish_time_axis(axes, length * dt)
-    panels[0].set_ylabel("mean error [m], band: 95 % over seeds")
+    panels[0].set_ylabel("mean drift [m], band: 95 % over seeds")
     panels[0].legend(frameon=False, fontsize=9, loc="upper left")
     return figure
 

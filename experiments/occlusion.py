@@ -72,7 +72,7 @@ class OcclusionProtocol:
             length, warmup = ([int(number) for number in numbers] + [20, WARMUP][len(numbers) :])[
                 :2
             ]
-            if len(numbers) > 2:
+            if len(numbers) > 2 or (kind == "none" and numbers):
                 raise ValueError
             return cls(kind, length, warmup)  # type: ignore[arg-type]
         except ValueError:

@@ -53,21 +53,6 @@ def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
     return pl.DataFrame(columns, schema=SCHEMA).with_columns(pl.col("error").fill_nan(None))
 
 
-def drift_rows(errors: pl.DataFrame) -> pl.DataFrame:
-    """The rows in which nothing but drift happens, to any filter.
-
-    errors: `gap_errors` of several filters on the same detections, with a column `filter` (and
-    any that tell worlds apart). A gap stays if every filter followed its object and no filter's
-    track was captured in it; of its frames those stay in which every filter's track is alive. So
-    all filters are compared on the same frames: one that gives up on the hard gaps does not look
-    better for it.
-    """
-    gap = [c for c in ("scenario", "seed", "object_id", "gap_start") if c in errors.columns]
-    free = (pl.col("track_id") >= 0) & ~pl.col("captured")
-    alive = pl.col("error").is_not_null()
-    return errors.filter(free.all().over(gap) & alive.all().over([*gap, "frame"]))
-
-
 def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDArray[Any]] | None:
     """Columns of one gap; None if the trace does not have the object as the gap begins."""
     object_id, start, stop = (int(a[k]) for a in (gaps.object_id, gaps.start, gaps.stop))

@@ -9,10 +9,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from experiments import figures
-from experiments.phases import drift_rows
 from experiments.run import SUBJECT, Plan, Results, kept_folder
 from experiments.statistics import mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
+from mdkf import DETECTORS, ESTIMATORS
 from mdkf.tables import REGIMES, Detections, Trace, Tracks
 from sim_bridge import read_table
 from sim_bridge.parquet import replacing
@@ -32,19 +32,23 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         lstrip_blocks=True,
     )
     drawn = drawn_filters(plan.filters)
-    drift = drift_rows(results.errors)
-    mean_figure = figures.mean_error_figure(drift, drawn, plan.occlusion.length, DT)
+    mean_figure = figures.mean_drift_figure(results.errors, drawn, plan.occlusion.length, DT)
     page = environment.get_template("report.html.j2").render(
         plan=plan,
         command=command,
-        seeds=len(plan.seeds),
+        seeds=", ".join(
+            f"{row['seeds']} seeds of {row['scenario']}"
+            for row in results.table.unique("scenario", maintain_order=True).to_dicts()
+        ),
+        filters={name: repr(ESTIMATORS[name]) for name in plan.filters},
+        settings=repr(DETECTORS[plan.settings]),
         refused=results.refused,
         interrupted=results.interrupted,
         headings=[heading for _, heading, _, _ in COLUMNS],
         groups=_result_groups(results.table),
         differences=paired_rows(results.differences),
         difference_headings=DIFFERENCES,
-        regimes=_regime_rows(drift, drawn),
+        regimes=_regime_rows(results.errors, drawn),
         subject=SUBJECT,
         opponents=[name for name in drawn if name != SUBJECT] if SUBJECT in drawn else [],
         drawn=drawn,
@@ -94,10 +98,10 @@ def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
 
 def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any]]:
     """Mean drift by the object's true regime when the gap begins."""
-    followed = errors.filter(pl.col("phase") == "gap")
+    in_gap = errors.filter(pl.col("phase") == "gap")
     rows = []
     for regime in REGIMES:
-        own = followed.filter(regime=regime)
+        own = in_gap.filter(regime=regime)
         if own.is_empty():
             continue
         gaps = own.filter(filter=filters[0]).select("scenario", "seed", "object_id").n_unique()
@@ -119,43 +123,44 @@ def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any
 
 
 def _paired(errors: pl.DataFrame, opponent: str) -> str:
-    """Difference of the seeds' mean errors, subject minus opponent, with its interval."""
-    by_seed = errors.group_by("seed", "filter").agg(pl.col("error").mean())
-    pairs = by_seed.pivot("filter", index="seed", values="error")
+    """Difference of the seeds' mean drifts, subject minus opponent, with its interval."""
+    by_seed = errors.group_by("seed", "filter").agg(pl.col("drift").mean())
+    pairs = by_seed.pivot("filter", index="seed", values="drift")
     interval = mean_interval(pairs[SUBJECT] - pairs[opponent])
     shown = f"{interval.mean:+.2f}"
     return f"{shown} [{interval.low:+.2f}, {interval.high:+.2f}]" if interval.n > 1 else shown
 
 
 def _regime_cell(errors: pl.DataFrame) -> dict[str, Any]:
-    """One filter's errors in one regime: mean over seeds, and median over all frames."""
-    by_seed = errors.group_by("seed").agg(pl.col("error").mean())["error"].drop_nulls()
+    """One filter's drift in one regime: mean over seeds, and median over all frames."""
+    by_seed = errors.group_by("seed").agg(pl.col("drift").mean())["drift"].drop_nulls()
     interval = mean_interval(by_seed)
     half = interval.high - interval.mean
     return {
         "value": interval.mean,
         "mean": f"{interval.mean:.2f}" + (f" ±{half:.2f}" if interval.n > 1 else ""),
-        "median": f"{np.median(errors['error'].drop_nulls()):.2f}",
+        "median": f"{np.median(errors['drift'].drop_nulls()):.2f}",
     }
 
 
 def _gap_pictures(
     plan: Plan, results: Results, out: Path, filters: list[str]
 ) -> list[dict[str, Any]]:
-    """For the first seed of each scenario the gap nearest to the sensor, of a standing and of a
-    moving object, captured tracks left out. The choice looks at no filter's error."""
+    """For the first good seed of each scenario the gaps nearest to the sensor, of a standing and
+    of a moving object, captured tracks left out. The choice looks at no filter's error."""
     pictures = []
     for scenario in plan.scenarios:
-        folder = kept_folder(out, scenario.name, plan.seeds[0])
-        own = results.errors.filter(scenario=scenario.name, seed=plan.seeds[0])
-        if own.is_empty() or not folder.is_dir():
+        seed = results.kept.get(scenario.name)
+        folder = kept_folder(out, scenario.name, -1 if seed is None else seed)
+        if not folder.is_dir():
             continue
+        own = results.errors.filter(scenario=scenario.name, seed=seed)
         trace = read_table(folder / "trace.parquet", Trace)
         detections = read_table(folder / "detections.parquet", Detections)
         tracks = {name: read_table(folder / f"tracks-{name}.parquet", Tracks) for name in filters}
         distance = trace.sensor_distance()
         for label, standing in (("standing", True), ("moving", False)):
-            gap = _nearest_gap(trace, distance, drift_rows(own), standing)
+            gap = _nearest_gap(trace, distance, own, standing)
             if gap is None:
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
@@ -165,7 +170,7 @@ def _gap_pictures(
                     "scenario": scenario.name,
                     "label": label,
                     "object_id": gap[0],
-                    "seed": plan.seeds[0],
+                    "seed": seed,
                     "svg": _svg(figure),
                 }
             )
@@ -175,9 +180,11 @@ def _gap_pictures(
 def _nearest_gap(
     trace: Trace, distance: Any, errors: pl.DataFrame, standing: bool
 ) -> tuple[int, int, int] | None:
-    """The gap (object, start, stop) whose object is nearest to the sensor as it begins."""
+    """The gap (object, start, stop) whose object is nearest to the sensor as it begins, of those
+    that every filter's track goes through uncaptured."""
     of_kind = (pl.col("regime") == "stationary") == standing
-    gaps = errors.filter(of_kind).select("object_id", "gap_start", "gap_stop").unique()
+    free = ((pl.col("track_id") >= 0) & ~pl.col("captured")).all().over("object_id", "gap_start")
+    gaps = errors.filter(of_kind & free).select("object_id", "gap_start", "gap_stop").unique()
     found = []
     for object_id, start, stop in gaps.sort("object_id").iter_rows():
         rows = trace.rows_of(object_id)

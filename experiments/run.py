@@ -7,6 +7,7 @@ each filter, gap and frame), `worlds/SCENARIO-SEED/` (the tables behind the pict
 
 import multiprocessing
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -29,18 +30,23 @@ from experiments.statistics import mean_interval
 from experiments.warm_up import compile_sensing, compile_tracking
 from experiments.world import Outcome, World, run_world
 from scenarios import Scenario
+from sim_bridge import check_inputs
 from sim_bridge.parquet import write_frame
 
-_ROBMOT = ("ca", "imm", "imm-zero", "md")
+_ROBMOT = ("ca", "imm", "imm-zero", "md", "md-keep")
 FILTERS = _ROBMOT + tuple(f"{name}-retuned" for name in _ROBMOT)
 """What is compared unless told otherwise: every estimator with RobMOT's start variance and with
-the retuned one, both ways of mixing for IMM."""
+the retuned one, both ways of mixing for IMM, both readings of what follows a gap for MD."""
 
 INTERVALS = ("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift")
 """Scores that get a 95 % interval over the seeds."""
 
 SUBJECT = "md"
 """The filter under test: all others are its opponents."""
+
+
+KEPT = "worlds"
+"""Folder of the kept tables, in the output folder; emptied when a run begins."""
 
 
 class RunFailed(RuntimeError):
@@ -59,39 +65,38 @@ class Plan:
     occlusion: OcclusionProtocol
     gap_truth: GapTruth = "keep"
 
+    def world(self, scenario: Scenario, seed: int, keep: Path | None) -> World:
+        """One world of the plan; `keep` is where its tables are kept, if they are."""
+        rules = (self.filters, self.detector, self.settings, self.occlusion, self.gap_truth)
+        return World(scenario, seed, *rules, keep=keep)
+
     def worlds(self, out: Path) -> list[World]:
         """One world for each seed and scenario; the first of each scenario keeps its tables."""
+        first = self.seeds[0]
         return [
-            World(
-                scenario,
-                seed,
-                self.filters,
-                self.detector,
-                self.settings,
-                self.occlusion,
-                self.gap_truth,
-                keep=kept_folder(out, scenario.name, seed) if seed == self.seeds[0] else None,
-            )
+            self.world(s, seed, kept_folder(out, s.name, seed) if seed == first else None)
             for seed in self.seeds
-            for scenario in self.scenarios
+            for s in self.scenarios
         ]
 
 
 @dataclass(frozen=True)
 class Results:
-    """The gathered results: tables as written to the files, reasons of refused seeds."""
+    """The gathered results: tables as written to the files, reasons of refused seeds, and by
+    scenario the seed whose tables are kept."""
 
     table: pl.DataFrame
     differences: pl.DataFrame
     worlds: pl.DataFrame
     errors: pl.DataFrame
     refused: tuple[str, ...]
+    kept: dict[str, int]
     interrupted: bool
 
 
 def kept_folder(out: Path, scenario: str, seed: int) -> Path:
     """Where a world's tables are kept."""
-    return out / "worlds" / f"{scenario}-{seed}"
+    return out / KEPT / f"{scenario}-{seed}"
 
 
 def run(
@@ -105,40 +110,68 @@ def run(
     workers: processes, the machine's cores if None; 1 runs in this process. `progress` is told
     how many worlds are done. Ctrl-C finishes the worlds under way and gathers what there is.
 
-    Raises `RunFailed` if a worker died or no world could be simulated, `ValueError` for bad
-    input that only simulation shows.
+    Raises `RunFailed` if a worker died (what was finished is written first) or no world could be
+    simulated, and what `simulate` raises for bad input, leaving nothing behind.
     """
+    for scenario in plan.scenarios:
+        check_inputs(scenario)
+    shutil.rmtree(out / KEPT, ignore_errors=True)
     worlds = plan.worlds(out)
     outcomes: list[Outcome] = []
-    interrupted = False
+    interrupted, failure = False, None
     try:
         for outcome in _outcomes(worlds, workers or _cores()):
             outcomes.append(outcome)
             progress(len(outcomes))
     except KeyboardInterrupt:
         interrupted = True
+    except RunFailed as error:
+        failure = error
+    except BaseException:
+        shutil.rmtree(out / KEPT, ignore_errors=True)
+        raise
+    results = _gather(plan, outcomes, out, interrupted, failure)
+    for name in ("table", "differences", "worlds", "errors"):
+        file = "results" if name == "table" else name
+        write_frame(getattr(results, name), out / f"{file}.parquet")
+    if failure is not None:
+        raise RunFailed(f"{failure}; {len(outcomes)} of {len(worlds)} worlds are in {out}")
+    return results
+
+
+def _gather(
+    plan: Plan,
+    outcomes: list[Outcome],
+    out: Path,
+    interrupted: bool,
+    failure: RunFailed | None,
+) -> Results:
+    """Results of the finished worlds; raises `RunFailed` if there are none."""
     outcomes.sort(key=lambda outcome: (outcome.scenario, outcome.seed))
     rows = [row for outcome in outcomes for row in outcome.rows]
     refused = tuple(outcome.refused for outcome in outcomes if outcome.refused)
     if not rows:
-        raise RunFailed("interrupted before a world was done" if interrupted else refused[0])
+        reason = "interrupted before a world was done" if interrupted else " ".join(refused[:1])
+        raise failure or RunFailed(reason)
+    kept: dict[str, int] = {}
+    for outcome in outcomes:
+        if outcome.rows:
+            kept.setdefault(outcome.scenario, outcome.seed)
+    for scenario in plan.scenarios:
+        seed = kept.get(scenario.name)
+        # The first seed was refused, or is not done: the next good one shows the pictures.
+        if seed is not None and not kept_folder(out, scenario.name, seed).is_dir():
+            run_world(plan.world(scenario, seed, kept_folder(out, scenario.name, seed)))
     per_world = pl.DataFrame(rows)
-    results = Results(
+    return Results(
         _summarise(per_world, plan),
         _differences(per_world),
         per_world,
         pl.concat([outcome.errors for outcome in outcomes if outcome.rows]),
         refused,
+        kept,
         interrupted,
     )
-    for name, table in (
-        ("results", results.table),
-        ("differences", results.differences),
-        ("worlds", results.worlds),
-        ("errors", results.errors),
-    ):
-        write_frame(table, out / f"{name}.parquet")
-    return results
 
 
 def _outcomes(worlds: Sequence[World], workers: int) -> Iterator[Outcome]:

@@ -28,14 +28,18 @@ COLUMNS = (
 """What a table of results shows."""
 
 
-def format_value(row: Mapping[str, Any], column: str, decimals: int) -> str:
+FULL_WIDTH = 168
+"""Characters that a table with intervals needs."""
+
+
+def format_value(row: Mapping[str, Any], column: str, decimals: int, intervals: bool = True) -> str:
     """A mean, with half the width of its 95 % interval where there is one."""
     value = row[column]
     if value is None:
         return "–"
     text = f"{value:.{decimals}f}"
     high = row.get(f"{column}_high")
-    return text if high is None else f"{text} ±{high - value:.{decimals}f}"
+    return text if high is None or not intervals else f"{text} ±{high - value:.{decimals}f}"
 
 
 def best(rows: Iterable[Mapping[str, Any]], column: str, smaller: bool) -> float | None:
@@ -44,22 +48,23 @@ def best(rows: Iterable[Mapping[str, Any]], column: str, smaller: bool) -> float
     return (min if smaller else max)(values) if values else None
 
 
-def results_table(results: pl.DataFrame) -> Table:
+def results_table(results: pl.DataFrame, intervals: bool = True) -> Table:
     """Scores by scenario and filter, best in bold."""
-    title = "Means over seeds ± half of the 95 % interval; errors before, in and after the gap"
+    title = "Means over seeds" + " ± half of the 95 % interval" * intervals
+    title += "; errors before, in and after the gap"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("filter", no_wrap=True)
     for _, heading, _, _ in COLUMNS:
-        table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column(escape(heading), justify="right", no_wrap=intervals)
     for (scenario,), group in results.group_by("scenario", maintain_order=True):
         rows = group.to_dicts()
         leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
         seeds = rows[0]["seeds"]
-        table.add_row(f"[italic]{scenario}, {seeds} seed{'s' * (seeds != 1)}[/italic]")
+        table.add_row(f"[italic]{escape(str(scenario))}, {seeds} seed{'s' * (seeds != 1)}[/italic]")
         for row in rows:
             cells = []
             for column, _, decimals, _ in COLUMNS:
-                text = format_value(row, column, decimals)
+                text = format_value(row, column, decimals, intervals)
                 leading = row[column] is not None and row[column] == leaders[column]
                 cells.append(f"[bold]{text}[/bold]" if leading else text)
             table.add_row(row["filter"], *cells)
@@ -73,11 +78,11 @@ def difference_table(differences: pl.DataFrame) -> Table:
     table.add_column("scenario", no_wrap=True)
     table.add_column("filters", no_wrap=True)
     for metric in DIFFERENCES.values():
-        table.add_column(metric, justify="right", no_wrap=True)
+        table.add_column(escape(metric), justify="right", no_wrap=True)
         table.add_column("", no_wrap=True)
     for row in paired_rows(differences):
         cells = [cell for metric in DIFFERENCES for cell in (row[metric], row[f"{metric}_verdict"])]
-        table.add_row(row["scenario"], row["filters"], *map(escape, cells))
+        table.add_row(*map(escape, (row["scenario"], row["filters"], *cells)))
     return table
 
 
@@ -117,19 +122,20 @@ def scenario_table(catalogue: Iterable[Scenario]) -> Table:
     for heading in ("scenario", "source", "length", "what happens"):
         table.add_column(heading)
     for scenario in catalogue:
-        table.add_row(scenario.name, scenario.source, f"{scenario.duration:g} s", scenario.purpose)
+        cells = (scenario.name, scenario.source, f"{scenario.duration:g} s", scenario.purpose)
+        table.add_row(*map(escape, cells))
     return table
 
 
 def parameter_table(scenario: Scenario) -> Table:
     """A scenario's parameters with units and bounds."""
-    table = Table(title=f"{scenario.name}: {scenario.purpose}", title_justify="left")
+    table = Table(title=escape(f"{scenario.name}: {scenario.purpose}"), title_justify="left")
     for heading in ("parameter", "value", "unit", "bounds", "meaning"):
         table.add_column(heading)
     for spec in scenario.parameter_specs:
         bounds = f"{spec.minimum:g} .. {spec.maximum:g}"
         value = f"{scenario.parameters[spec.name]:g}"
-        table.add_row(spec.name, value, spec.unit, bounds, spec.description)
+        table.add_row(*map(escape, (spec.name, value, spec.unit, bounds, spec.description)))
     return table
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import polars as pl
 
+from experiments.drift import drift
 from experiments.occlusion import OcclusionProtocol
-from experiments.phases import drift_rows
 from experiments.population import GapTruth
 from experiments.score import score
-from mdkf import Detections, Tracker, Tracks, estimator
+from mdkf import DETECTORS, Detections, Tracker, Tracks, estimator
 from scenarios import Scenario
 from sim_bridge import SeedRefused, detect, simulate, write_table
 
@@ -40,8 +40,8 @@ class World:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a world: a row of scores for each filter and the errors around every gap, or
-    the reason why the seed was refused."""
+    """What came of a world: a row of scores for each filter and the errors around every gap
+    (`gap_errors` with a column `drift`), or the reason why the seed was refused."""
 
     scenario: str
     seed: int
@@ -54,8 +54,7 @@ def run_world(world: World) -> Outcome:
     """Run one world. Every filter gets the same detections.
 
     To the scores of each filter come `ms_per_frame`, the tracker's CPU time per frame [ms], and
-    `drift`, the mean error in the gap over `drift_rows`, the same frames for all filters [m],
-    which come from `drift_gaps` gaps.
+    `drift`, the filter's own mean error in the gaps [m] (`experiments.drift`).
     """
     name, seed = world.scenario.name, world.seed
     try:
@@ -72,19 +71,19 @@ def run_world(world: World) -> Outcome:
     for filter_name in world.filters:
         tracks, milliseconds = timed_tracks(filter_name, world.settings, occluded)
         scores = score(trace, tracks, world.occlusion, world.gap_truth)
+        alone = drift(
+            trace, occluded, scores.gaps, estimator(filter_name), DETECTORS[world.settings]
+        )
+        both = scores.errors.join(alone, on=["object_id", "frame"], how="left")
+        in_gap = both.filter(pl.col("phase") == "gap")["drift"].mean()
         which = {"scenario": name, "seed": seed, "filter": filter_name}
-        rows.append({**which, **scores.summary(), "ms_per_frame": milliseconds})
+        row = {**which, **scores.summary(), "drift": math.nan if in_gap is None else in_gap}
+        rows.append({**row, "ms_per_frame": milliseconds})
         keys = [pl.lit(value).alias(key) for key, value in which.items()]
-        errors.append(scores.errors.select(*keys, pl.all()))
+        errors.append(both.select(*keys, pl.all()))
         if world.keep is not None:
             write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
-    together = pl.concat(errors)
-    drift = drift_rows(together).filter(pl.col("phase") == "gap")
-    for row in rows:
-        own = drift.filter(filter=row["filter"])["error"].mean()
-        row["drift"] = math.nan if own is None else own
-        row["drift_gaps"] = float(drift["object_id"].n_unique())
-    return Outcome(name, seed, rows, together)
+    return Outcome(name, seed, rows, pl.concat(errors))
 
 
 def timed_tracks(filter_name: str, settings: str, detections: Detections) -> tuple[Tracks, float]:

@@ -1,12 +1,12 @@
 """What a tracker needs of a state estimator, and the few things that all estimators share.
 
-An estimator holds parameters; the tracks' states are separate, immutable and batched: a frozen
-dataclass of arrays whose first axis is the track. Anything with these methods can be passed to
+An estimator holds parameters; the tracks' states are separate and batched: an array, or a frozen
+dataclass of arrays, whose first axis is the track. Anything with these methods can be passed to
 `mdkf.Tracker`; plain numpy is enough.
 """
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -48,17 +48,31 @@ State = TypeVar("State")
 
 def take(state: State, rows: IntArray) -> State:
     """The states of some tracks, in the order of `rows`."""
+    if isinstance(state, np.ndarray):
+        return state[rows]  # type: ignore[return-value]
+    _check_state(state)
     arrays = {f.name: getattr(state, f.name)[rows] for f in fields(state)}  # type: ignore[arg-type]
     return replace(state, **arrays)  # type: ignore[type-var]
 
 
 def join(first: State, second: State) -> State:
     """The states of the first tracks followed by those of the second."""
+    if isinstance(first, np.ndarray):
+        return np.concatenate([first, second])  # type: ignore[return-value]
+    _check_state(first)
     arrays = {
         f.name: np.concatenate([getattr(first, f.name), getattr(second, f.name)])
         for f in fields(first)  # type: ignore[arg-type]
     }
     return replace(first, **arrays)  # type: ignore[type-var]
+
+
+def _check_state(state: object) -> None:
+    if not is_dataclass(state) or isinstance(state, type):
+        raise TypeError(
+            f"an estimator's state is {type(state).__name__}, expected an array, or a dataclass of"
+            " arrays, with one row for each track"
+        )
 
 
 def check_measurement(n: int, position: FloatArray, noise: FloatArray) -> None:

@@ -58,8 +58,8 @@ class Tracker:
         settings: str | TrackerSettings = "pointrcnn",
         **options: Any,
     ) -> None:
-        if not isinstance(estimator, Estimator):
-            raise TypeError(f"{estimator!r} lacks a method of mdkf.Estimator")
+        if isinstance(estimator, type) or not isinstance(estimator, Estimator):
+            raise TypeError(f"{estimator!r} is no object with the methods of mdkf.Estimator")
         if isinstance(settings, str):
             if settings not in DETECTORS:
                 known = ", ".join(DETECTORS)

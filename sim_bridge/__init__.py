@@ -8,11 +8,13 @@ from sim_bridge.network_check import SimulationError
 from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import ProfileError, load_profile, profile_names
 from sim_bridge.simulate import SeedRefused, simulate
+from sim_bridge.sumo import check_inputs
 
 __all__ = [
     "ProfileError",
     "SeedRefused",
     "SimulationError",
+    "check_inputs",
     "detect",
     "load_profile",
     "profile_names",

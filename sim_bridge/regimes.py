@@ -1,7 +1,8 @@
 """What an object is really doing: a regime for each row of truth, and whether it turns.
 
 Regimes look along the path, at speed s = |v|, s' = a . v / s and
-s'' = (j . v + a . a - s'^2) / s; bends are told by the turning flag instead.
+s'' = (j . v + a . a - s'^2) / s; bends are told by the turning flag instead. Stationary is v = 0
+exactly: a car that still creeps to its stop counts as constant velocity.
 """
 
 import numpy as np

@@ -51,9 +51,8 @@ def run_sumo(
             f"scenario {scenario.name}: warmup is {scenario.warmup:g} s, expected at least the"
             f" {margin:g} s that are recorded before the start"
         )
-    edges = check_network(scenario.network)
+    check_inputs(scenario)
     routes = scenario.route_xml()
-    check_routes(scenario.routes, routes, edges, scenario.ego)
 
     duration, extra = round(scenario.duration / STEP), round(margin / STEP)
     with tempfile.TemporaryDirectory(prefix="mdkf-sumo-") as scratch:
@@ -78,6 +77,12 @@ def run_sumo(
             f" {scenario.warmup:g} s and {scenario.warmup + scenario.duration:g} s"
         )
     return recording
+
+
+def check_inputs(scenario: Scenario) -> None:
+    """Raise `SimulationError` for whatever is wrong with a scenario's files before SUMO runs."""
+    edges = check_network(scenario.network)
+    check_routes(scenario.routes, scenario.route_xml(), edges, scenario.ego)
 
 
 def _run_child(folder: Path, request: dict[str, object], scenario: Scenario, timeout: float) -> str:
@@ -129,7 +134,8 @@ def _check_report(folder: Path, messages: str, scenario: Scenario, route_file: P
         raise SimulationError(_import_advice(report["message"]))
     complaint = _complaint(said)
     if report["problem"] == "sumo":
-        raise SimulationError(f"SUMO: {complaint or _one_line(report['message'])}")
+        told = report["message"].replace(str(route_file), str(scenario.routes))
+        raise SimulationError(f"SUMO: {complaint or _one_line(told)}")
     if report["problem"] == "accident":
         raise Accident(f"scenario {scenario.name}: {_one_line(report['message'])}")
     if report["problem"] is not None:

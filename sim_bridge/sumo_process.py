@@ -4,6 +4,7 @@ A bad input can kill SUMO, and libsumo allows one simulation per process, so it 
 Nothing of this project is imported: the child starts in the time that libsumo takes to load.
 """
 
+import importlib.util
 import json
 import math
 import os
@@ -12,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise libsumo writes a notice to stdout on import
+(_data,) = importlib.util.find_spec("sumo_data").submodule_search_locations  # type: ignore[union-attr,misc]
+os.environ["SUMO_HOME"] = _data  # where SUMO finds the schemas of its input files
 
 REPORT = "report.json"
 SAMPLES = "samples.npz"
@@ -46,7 +49,8 @@ def options(network: str, routes: str, seed: int, step: float) -> list[str]:
         "--collision.check-junctions", "true",
         "--xml-validation", "never",
         "--xml-validation.net", "never",
-        "--xml-validation.routes", "never",
+        # Without it SUMO passes over misspelt elements and attributes in silence.
+        "--xml-validation.routes", "always",
         "--no-step-log", "true",
         "--duration-log.disable", "true",
     ]  # fmt: skip

@@ -255,3 +255,43 @@ def test_a_bad_run_leaves_no_folder(mdkf_command: Mdkf, tmp_path: Path) -> None:
     answer = mdkf_command("run", broken, "--workers", 1, "--out", "fresh")
     assert answer.status == 2
     assert not (tmp_path / "fresh").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<flow id="west"', '<flwo id="west"'),
+        ("<stop ", "<stpo "),
+        ('departSpeed="desired"', 'departSped="desired"'),
+    ],
+)
+def test_what_sumo_would_pass_over_in_silence_is_refused(
+    mdkf_command: Mdkf, tmp_path: Path, old: str, new: str
+) -> None:
+    """A misspelt element or attribute: without SUMO's own schema the traffic would just be gone."""
+    broken = shortened(tmp_path / "own", routes=lambda text: text.replace(old, new))
+    answer = mdkf_command("simulate", broken, "--out", "trace.parquet")
+    assert answer.status == 2
+    assert answer.err.count("\n") == 1
+    assert str(broken.with_name("routes.rou.xml")) in answer.err
+    assert new.strip("< ").split()[0].split("=")[0] in answer.err
+    assert not (tmp_path / "trace.parquet").exists()
+
+
+def test_a_later_bad_scenario_is_found_before_the_first_world(
+    mdkf_command: Mdkf, tmp_path: Path
+) -> None:
+    """Nothing is simulated, and no folder on the way to --out stays."""
+    broken = shortened(tmp_path / "own", network=lambda text: "<net/>")
+    answer = mdkf_command("run", "bus_stop", broken, "--out", "new/deep/out")
+    assert answer.status == 2
+    assert answer.err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_one_command_takes_one_filter(mdkf_command: Mdkf, made: Path) -> None:
+    """A list of filters is no filter's name."""
+    seen = made / "seen.parquet"
+    answer = mdkf_command("track", seen, "--filter", "ca,imm", "--out", "t.parquet")
+    assert answer.status == 2
+    assert "unknown filter 'ca,imm'" in answer.err

@@ -22,6 +22,7 @@ from tests.experiments.commands import (
     Answer,
     Mdkf,
     in_a_process,
+    shortened,
 )
 
 COMMANDS = ("run", "scenarios", "simulate", "detect", "track", "score")
@@ -246,3 +247,17 @@ def test_ctrl_c_in_a_single_step_is_status_130(
     answer = mdkf_command("simulate", "bus_stop", "--out", "t.parquet")
     assert answer == Answer(130, "", "mdkf: interrupted\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_units_and_a_scenarios_own_words_are_printed_as_they_are(
+    mdkf_command: Mdkf, ran: tuple[Answer, Path], made: Path, tmp_path: Path
+) -> None:
+    """Square brackets are no markup: not in headings, not in a user's file."""
+    purpose = "Buses at their stops hide parked and passing cars from a car that drives by."
+    own = shortened(
+        tmp_path / "own", scenario=lambda text: text.replace(purpose, "see [1] and [/x] end")
+    )
+    assert "see [1] and [/x] end" in mdkf_command("scenarios", own).out
+    answer = mdkf_command("run", made / "own" / "scenario.yaml", "--seeds", 1, "--filters", "ca,md")
+    assert "drift [m]" in answer.out
+    assert "HOTA [points]" in answer.out

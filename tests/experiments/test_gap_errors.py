@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from experiments.phases import WINDOW, drift_rows, gap_errors
+from experiments.phases import WINDOW, gap_errors
 from mdkf.tables import REGIMES, Trace
 from tests.tables import gaps_of, trace_of, tracks_of
 
@@ -170,42 +170,3 @@ def test_no_gaps_give_an_empty_table_of_the_same_columns() -> None:
     empty = gap_errors(trace(), tracks, gaps_of())
     assert len(empty) == 0
     assert empty.schema == gap_errors(trace(), tracks, GAP).schema
-
-
-def rows_of_gap(
-    seed: int,
-    filter_name: str,
-    gap: int,
-    track_id: int = 5,
-    captured: bool = False,
-    errors: tuple[float | None, float | None] = (0.5, 0.5),
-) -> list[dict[str, object]]:
-    """Two rows of one gap as `drift_rows` gets them."""
-    row = {"scenario": "s", "seed": seed, "filter": filter_name, "object_id": gap, "gap_start": 9}
-    row |= {"track_id": track_id, "captured": captured}
-    return [row | {"frame": k, "error": e} for k, e in zip((9, 10), errors, strict=True)]
-
-
-def test_drift_is_compared_in_frames_that_every_filter_coasts_through() -> None:
-    """Gap 1 is free; 2 is captured and 3 unfollowed in one filter; in 4 one filter's track is gone
-    in the second frame; in another seed the same objects' gaps are judged for themselves."""
-    errors = pl.DataFrame(
-        [
-            *rows_of_gap(0, "ca", 1),
-            *rows_of_gap(0, "md", 1),
-            *rows_of_gap(0, "ca", 2),
-            *rows_of_gap(0, "md", 2, captured=True),
-            *rows_of_gap(0, "ca", 3, track_id=-1),
-            *rows_of_gap(0, "md", 3),
-            *rows_of_gap(0, "ca", 4),
-            *rows_of_gap(0, "md", 4, errors=(0.5, None)),
-            *rows_of_gap(1, "ca", 1, captured=True),
-            *rows_of_gap(1, "md", 1),
-            *rows_of_gap(1, "ca", 2),
-            *rows_of_gap(1, "md", 2),
-        ]
-    )
-    kept = drift_rows(errors).filter(filter="ca").select("seed", "object_id", "frame")
-    assert kept.rows() == [(0, 1, 9), (0, 1, 10), (0, 4, 9), (1, 2, 9), (1, 2, 10)]
-    other = drift_rows(errors).filter(filter="md").select("seed", "object_id", "frame")
-    assert other.equals(kept)

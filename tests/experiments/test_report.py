@@ -218,7 +218,7 @@ def test_names_and_reasons_are_text_not_markup(
     }
     kept = tmp_path / "worlds" / folder_name
     shutil.copytree(out / "worlds" / f"{scenario.name}-0", kept)
-    other = dataclasses.replace(results, **tables, refused=(f"{nasty}, seed 9",))
+    other = dataclasses.replace(results, **tables, refused=(f"{nasty}, seed 9",), kept={nasty: 0})
     page = Page(write_report(renamed, other, tmp_path, f"mdkf run {nasty}").read_text())
     assert "b" not in page.tags
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]

@@ -188,8 +188,58 @@ def test_any_object_with_the_methods_is_an_estimator() -> None:
     rows = [(k, 0.5 * k, 0.0, 1.0) for k in range(30)]
     tracks = Tracker(AlphaBeta(), SETTINGS).run(detections(rows, 30))
     np.testing.assert_allclose(tracks.x[-1], 14.5, atol=0.01)
-    with pytest.raises(TypeError, match="lacks a method"):
-        Tracker(object(), SETTINGS)  # type: ignore[arg-type]
+    for wrong in (object(), AlphaBeta):
+        with pytest.raises(TypeError, match="no object with the methods"):
+            Tracker(wrong, SETTINGS)  # type: ignore[arg-type]
+
+
+def test_a_state_may_be_a_plain_array() -> None:
+    """One row for each track; a state that is neither is told so."""
+
+    class OnArrays(AlphaBeta):
+        def start(self, position: Any, noise: Any) -> Any:
+            return super().start(position, noise).values
+
+        def predict(self, state: Any, dt: float) -> Any:
+            return super().predict(Rows(state), dt).values
+
+        def update(self, state: Any, position: Any, noise: Any) -> Any:
+            return super().update(Rows(state), position, noise).values
+
+        def position(self, state: Any) -> Any:
+            return state[:, :2]
+
+        def velocity(self, state: Any) -> Any:
+            return state[:, 2:]
+
+        def covariance(self, state: Any) -> Any:
+            return super().covariance(Rows(state))
+
+    rows = [(k, 0.5 * k, y, 1.0) for k in range(30) for y in (0.0, 5.0) if k > y]
+    given = detections(rows, 30)
+    assert Tracker(OnArrays(), SETTINGS).run(given) == Tracker(AlphaBeta(), SETTINGS).run(given)
+
+    class OnLists(OnArrays):
+        def start(self, position: Any, noise: Any) -> Any:
+            return super().start(position, noise).tolist()
+
+        def predict(self, state: Any, dt: float) -> Any:
+            return state
+
+        def update(self, state: Any, position: Any, noise: Any) -> Any:
+            return state
+
+        def position(self, state: Any) -> Any:
+            return np.array(state)[:, :2]
+
+        def velocity(self, state: Any) -> Any:
+            return np.array(state)[:, 2:]
+
+        def covariance(self, state: Any) -> Any:
+            return np.tile(np.eye(2), (len(state), 1, 1))
+
+    with pytest.raises(TypeError, match="state is list, expected an array, or a dataclass"):
+        Tracker(OnLists(), SETTINGS).run(given)
 
 
 def test_wrong_settings_are_named() -> None:
