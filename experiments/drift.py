@@ -1,8 +1,9 @@
 """How far a filter itself drifts in each gap, with nothing else in play.
 
 Each object's own detections go into the estimator, frame by frame, and none in the gap: perfect
-association, no deletion, no clutter. Every gap counts for every filter, so that the comparison
-does not depend on which tracks were captured or deleted, nor on which filters were run.
+association, no clutter, no deletion in the gap (before it, a track lost from sight for too long
+starts anew, as in the tracker). Every gap counts for every filter, so that the comparison does not
+depend on which tracks were captured or deleted, nor on which filters were run.
 """
 
 from typing import Any
@@ -12,7 +13,7 @@ import polars as pl
 
 from experiments.occlusion import Gaps
 from mdkf import Detections, Estimator, Trace, TrackerSettings
-from mdkf.estimator import join
+from mdkf.estimator import join, take
 from mdkf.tables import FloatArray, IntArray
 
 
@@ -21,34 +22,35 @@ def drift(
 ) -> pl.DataFrame:
     """Distance of the estimated from the true position [m] of the objects with gaps.
 
-    One row for each object and frame, from its first detection to its last frame of truth:
-    object_id, frame, drift. occluded: the detections without those in the gaps.
+    One row for each object and frame in which it is followed: object_id, frame, drift.
+    occluded: the detections without those in the gaps.
     """
     ids = np.sort(gaps.object_id)
     measured = _positions(occluded, ids, occluded.source)
     true = _positions(trace, ids, trace.object_id)
+    frames = np.repeat(np.arange(trace.n_frames), len(ids))
+    hidden = gaps.covers(np.tile(ids, trace.n_frames), frames).reshape(trace.n_frames, len(ids))
     noise = np.diag([settings.x_var, settings.y_var])
-    # Objects join the batch at their first detection; those never seen do not.
-    seen = np.isfinite(measured[:, :, 0])
-    first = np.where(seen.any(axis=0), seen.argmax(axis=0), trace.n_frames)
-    order = np.argsort(first, kind="stable")
     estimated = np.full(true.shape, np.nan)
     state: Any = None
-    n = 0
+    alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
     for k in range(trace.n_frames):
-        joined = int(np.searchsorted(first[order], k, side="right"))
-        rows = order[:joined]
-        if n:
+        if len(alive):
             state = estimator.predict(state, trace.dt)
-            z = np.ascontiguousarray(measured[k, rows[:n]])
-            state = estimator.update(state, z, np.broadcast_to(noise, (n, 2, 2)))
-        if joined > n:
-            z = np.ascontiguousarray(measured[k, rows[n:]])
-            new = estimator.start(z, np.broadcast_to(noise, (joined - n, 2, 2)))
-            state = new if state is None else join(state, new)
-            n = joined
-        if n:
-            estimated[k, rows] = estimator.position(state)
+            variance = estimator.covariance(state).diagonal(axis1=1, axis2=2).max(axis=1)
+            kept = np.flatnonzero((variance <= settings.max_variance) | hidden[k, alive])
+            state, alive = take(state, kept), alive[kept]
+        if len(alive):
+            z = np.ascontiguousarray(measured[k, alive])
+            state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
+        born = np.setdiff1d(np.flatnonzero(np.isfinite(measured[k, :, 0])), alive)
+        if len(born):
+            z = np.ascontiguousarray(measured[k, born])
+            new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
+            state = join(state, new) if len(alive) else new
+            alive = np.concatenate([alive, born])
+        if len(alive):
+            estimated[k, alive] = estimator.position(state)
     error = np.hypot(*(estimated - true).transpose(2, 0, 1))
     frame, place = np.nonzero(np.isfinite(error))
     columns = {"object_id": ids[place], "frame": frame, "drift": error[frame, place]}
