@@ -158,7 +158,7 @@ def run(
         wide = shown.width >= terminal.FULL_WIDTH
         shown.print(terminal.results_table(results.table, intervals=wide))
         if not results.differences.is_empty():
-            shown.print(terminal.difference_table(results.differences))
+            shown.print(terminal.difference_table(results.differences, wide))
         print(f"report: {page}")
     if results.interrupted:
         raise KeyboardInterrupt

@@ -71,15 +71,15 @@ def results_table(results: pl.DataFrame, intervals: bool = True) -> Table:
     return table
 
 
-def difference_table(differences: pl.DataFrame) -> Table:
+def difference_table(differences: pl.DataFrame, wide: bool = True) -> Table:
     """Paired differences of the drift and of HOTA."""
     title = "Differences paired over seeds, with 95 % intervals: is the first filter better?"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD)
-    table.add_column("scenario", no_wrap=True)
-    table.add_column("filters", no_wrap=True)
+    table.add_column("scenario", no_wrap=wide)
+    table.add_column("filters", no_wrap=wide)
     for metric in DIFFERENCES.values():
-        table.add_column(escape(metric), justify="right", no_wrap=True)
-        table.add_column("", no_wrap=True)
+        table.add_column(escape(metric), justify="right", no_wrap=wide)
+        table.add_column("", no_wrap=wide)
     for row in paired_rows(differences):
         cells = [cell for metric in DIFFERENCES for cell in (row[metric], row[f"{metric}_verdict"])]
         table.add_row(*map(escape, (row["scenario"], row["filters"], *cells)))
