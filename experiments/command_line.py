@@ -162,6 +162,8 @@ def run(
         print(f"report: {page}")
     if results.interrupted:
         raise KeyboardInterrupt
+    if results.failure is not None:
+        raise runs.RunFailed(results.failure)
 
 
 @app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop")

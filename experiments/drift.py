@@ -25,11 +25,12 @@ def drift(
     One row for each object and frame in which it is followed: object_id, frame, drift.
     occluded: the detections without those in the gaps.
     """
-    ids = np.sort(gaps.object_id)
+    ids = np.unique(gaps.object_id)
     measured = _positions(occluded, ids, occluded.source)
     true = _positions(trace, ids, trace.object_id)
-    frames = np.repeat(np.arange(trace.n_frames), len(ids))
-    hidden = gaps.covers(np.tile(ids, trace.n_frames), frames).reshape(trace.n_frames, len(ids))
+    hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
+    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
+        hidden[start:stop, np.searchsorted(ids, identifier)] = True
     noise = np.diag([settings.x_var, settings.y_var])
     estimated = np.full(true.shape, np.nan)
     state: Any = None

@@ -7,7 +7,7 @@ from the middle of its trajectory (`mid`: it reappears) or from the end (`late`:
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -54,7 +54,7 @@ class OcclusionProtocol:
 
     kind: Kind = "mid"
     length: int = 20
-    warmup: int = field(default=WARMUP)
+    warmup: int = WARMUP
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
@@ -69,12 +69,9 @@ class OcclusionProtocol:
         """From `mid:20`, `late:10`, `mid:20:35` (with the warm-up) or `none`."""
         kind, *numbers = text.split(":")
         try:
-            length, warmup = ([int(number) for number in numbers] + [20, WARMUP][len(numbers) :])[
-                :2
-            ]
             if len(numbers) > 2 or (kind == "none" and numbers):
                 raise ValueError
-            return cls(kind, length, warmup)  # type: ignore[arg-type]
+            return cls(kind, *(int(number) for number in numbers))  # type: ignore[arg-type]
         except ValueError:
             raise ValueError(
                 f"occlusion {text!r}, expected KIND:LENGTH[:WARMUP], such as mid:20, late:10:35,"

@@ -44,6 +44,7 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         settings=repr(DETECTORS[plan.settings]),
         refused=results.refused,
         interrupted=results.interrupted,
+        failure=results.failure,
         headings=[heading for _, heading, _, _ in COLUMNS],
         groups=_result_groups(results.table),
         differences=paired_rows(results.differences),
@@ -89,10 +90,9 @@ def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
             }
             for row in rows
         ]
-        gaps = sum(row["followed"] * row["seeds"] for row in rows[:1])
-        groups.append(
-            {"scenario": scenario, "seeds": rows[0]["seeds"], "gaps": round(gaps), "lines": lines}
-        )
+        seeds = rows[0]["seeds"]
+        gaps = round(rows[0]["followed"] * seeds)
+        groups.append({"scenario": scenario, "seeds": seeds, "gaps": gaps, "lines": lines})
     return groups
 
 
@@ -107,18 +107,11 @@ def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any
         gaps = own.filter(filter=filters[0]).select("scenario", "seed", "object_id").n_unique()
         cells = [_regime_cell(own.filter(filter=name)) for name in filters]
         least = min(cell["value"] for cell in cells)
-        if SUBJECT in filters:
-            for name, cell in zip(filters, cells, strict=True):
-                cell["paired"] = _paired(own, name) if name != SUBJECT else None
-        rows.append(
-            {
-                "regime": regime.replace("_", " "),
-                "gaps": gaps,
-                "cells": [
-                    {"paired": None, **cell, "best": cell["value"] == least} for cell in cells
-                ],
-            }
-        )
+        for name, cell in zip(filters, cells, strict=True):
+            cell["best"] = cell["value"] == least
+            opposed = SUBJECT in filters and name != SUBJECT
+            cell["paired"] = _paired(own, name) if opposed else None
+        rows.append({"regime": regime.replace("_", " "), "gaps": gaps, "cells": cells})
     return rows
 
 

@@ -1,8 +1,9 @@
 """The main job: many worlds on a process pool, gathered into one table of results.
 
 Files in the output folder: `results.parquet` (a row for each scenario and filter: what the table
-shows), `worlds.parquet` (a row for each scenario, seed and filter), `errors.parquet` (a row for
-each filter, gap and frame), `worlds/SCENARIO-SEED/` (the tables behind the pictures).
+shows), `differences.parquet` (paired over seeds), `worlds.parquet` (a row for each scenario, seed
+and filter), `errors.parquet` (a row for each filter, gap and frame), `worlds/SCENARIO-SEED/` (the
+tables behind the pictures).
 """
 
 import multiprocessing
@@ -44,7 +45,6 @@ INTERVALS = ("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error
 SUBJECT = "md"
 """The filter under test: all others are its opponents."""
 
-
 KEPT = "worlds"
 """Folder of the kept tables, in the output folder; emptied when a run begins."""
 
@@ -82,8 +82,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Results:
-    """The gathered results: tables as written to the files, reasons of refused seeds, and by
-    scenario the seed whose tables are kept."""
+    """The gathered results: tables as written to the files, reasons of refused seeds, by scenario
+    the seed whose tables are kept, and whether Ctrl-C or a failure ended the run early."""
 
     table: pl.DataFrame
     differences: pl.DataFrame
@@ -91,7 +91,8 @@ class Results:
     errors: pl.DataFrame
     refused: tuple[str, ...]
     kept: dict[str, int]
-    interrupted: bool
+    interrupted: bool = False
+    failure: str | None = None
 
 
 def kept_folder(out: Path, scenario: str, seed: int) -> Path:
@@ -108,17 +109,18 @@ def run(
     """Run a plan and write its files to `out`.
 
     workers: processes, the machine's cores if None; 1 runs in this process. `progress` is told
-    how many worlds are done. Ctrl-C finishes the worlds under way and gathers what there is.
+    how many worlds are done. Ctrl-C finishes the worlds under way; after it, and after the death
+    of a worker, the results are those of the finished worlds, and say so.
 
-    Raises `RunFailed` if a worker died (what was finished is written first) or no world could be
-    simulated, and what `simulate` raises for bad input, leaving nothing behind.
+    Raises `RunFailed` if no world was finished, and what `simulate` raises for bad input, leaving
+    nothing behind.
     """
     for scenario in plan.scenarios:
         check_inputs(scenario)
     shutil.rmtree(out / KEPT, ignore_errors=True)
     worlds = plan.worlds(out)
     outcomes: list[Outcome] = []
-    interrupted, failure = False, None
+    interrupted, failure = False, None  # what ended the run early
     try:
         for outcome in _outcomes(worlds, workers or _cores()):
             outcomes.append(outcome)
@@ -126,7 +128,9 @@ def run(
     except KeyboardInterrupt:
         interrupted = True
     except RunFailed as error:
-        failure = error
+        failure = f"{error}; {len(outcomes)} of {len(worlds)} worlds are in {out}"
+        if not outcomes:
+            raise
     except BaseException:
         shutil.rmtree(out / KEPT, ignore_errors=True)
         raise
@@ -134,8 +138,6 @@ def run(
     for name in ("table", "differences", "worlds", "errors"):
         file = "results" if name == "table" else name
         write_frame(getattr(results, name), out / f"{file}.parquet")
-    if failure is not None:
-        raise RunFailed(f"{failure}; {len(outcomes)} of {len(worlds)} worlds are in {out}")
     return results
 
 
@@ -144,7 +146,7 @@ def _gather(
     outcomes: list[Outcome],
     out: Path,
     interrupted: bool,
-    failure: RunFailed | None,
+    failure: str | None,
 ) -> Results:
     """Results of the finished worlds; raises `RunFailed` if there are none."""
     outcomes.sort(key=lambda outcome: (outcome.scenario, outcome.seed))
@@ -152,7 +154,7 @@ def _gather(
     refused = tuple(outcome.refused for outcome in outcomes if outcome.refused)
     if not rows:
         reason = "interrupted before a world was done" if interrupted else " ".join(refused[:1])
-        raise failure or RunFailed(reason)
+        raise RunFailed(failure or reason)
     kept: dict[str, int] = {}
     for outcome in outcomes:
         if outcome.rows:
@@ -171,6 +173,7 @@ def _gather(
         refused,
         kept,
         interrupted,
+        failure,
     )
 
 

@@ -75,7 +75,9 @@ def run_world(world: World) -> Outcome:
         alone = drift(
             trace, occluded, scores.gaps, estimator(filter_name), DETECTORS[world.settings]
         )
-        both = scores.errors.join(alone, on=["object_id", "frame"], how="left")
+        both = scores.errors.join(
+            alone, on=["object_id", "frame"], how="left", maintain_order="left"
+        )
         # A natural absence can stretch a gap to minutes; the experiment is about `length` frames.
         stretched = (pl.col("phase") == "gap") & (pl.col("offset") >= world.occlusion.length)
         both = both.with_columns(drift=pl.when(~stretched).then("drift"))
@@ -83,8 +85,8 @@ def run_world(world: World) -> Outcome:
         which = {"scenario": name, "seed": seed, "filter": filter_name}
         row = {**which, **scores.summary(), "drift": math.nan if in_gap is None else in_gap}
         rows.append({**row, "ms_per_frame": milliseconds})
-        keys = [pl.lit(value).alias(key) for key, value in which.items()]
-        errors.append(both.select(*keys, pl.all()))
+        labels = [pl.lit(value).alias(key) for key, value in which.items()]
+        errors.append(both.select(*labels, pl.all()))
         if world.keep is not None:
             write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
     return Outcome(name, seed, rows, pl.concat(errors))

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from mdkf.tables import FloatArray, IntArray
+from mdkf.tables import BoolArray, FloatArray, IntArray
 
 UNMATCHED = -1
 
@@ -46,13 +46,13 @@ def associate(predicted: FloatArray, measured: FloatArray, gate: float) -> IntAr
 
 
 @njit(cache=True)
-def within_gate(measured: FloatArray, tracks: FloatArray, gate: float) -> IntArray:
-    """1 for each detection (n_detections, 2) strictly closer than the gate [m] to some track."""
-    near = np.zeros(len(measured), dtype=np.int64)
+def within_gate(measured: FloatArray, tracks: FloatArray, gate: float) -> BoolArray:
+    """Whether each detection (n_detections, 2) is strictly closer to some track than the gate."""
+    near = np.zeros(len(measured), dtype=np.bool_)
     for d in range(len(measured)):
         for t in range(len(tracks)):
             if _distance(tracks[t], measured[d]) < gate:
-                near[d] = 1
+                near[d] = True
                 break
     return near
 

@@ -133,7 +133,7 @@ class Tracker:
             near = np.zeros(len(score), dtype=np.bool_)
             if live is not None:
                 tracks = self.estimator.position(live.state)[live.confirmed]
-                near = within_gate(measured, tracks, self.settings.gate) == 1
+                near = within_gate(measured, tracks, self.settings.gate)
             admitted &= ~weak | near
         return admitted
 

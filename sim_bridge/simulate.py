@@ -29,6 +29,7 @@ MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
 
 _MOTION = tuple(field.name for field in fields(Motion) if field.name != "tick")
+_BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +175,10 @@ def _trace(bodies: list[_Body], ego: EgoPath, stride: int, provenance: dict[str,
     return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
 
 
-_BOX = ("x", "y", "z", "yaw", "length", "width", "height")
-
-
 def _refuse_overlap(
     others: list[_Body], ego: _Body, n_frames: int, stride: int, where: str
 ) -> None:
-    """Raise `SimulationError` if any two boxes, the ego vehicle's included, ever overlap."""
+    """Raise `SeedRefused` if any two boxes, the ego vehicle's included, ever overlap."""
     bodies = [*others, ego]
     counts = [len(body.motion.tick) for body in bodies]
     owner = np.repeat(np.arange(len(bodies)), counts)

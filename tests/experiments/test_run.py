@@ -19,6 +19,7 @@ import mdkf
 import scenarios
 import sim_bridge
 from experiments import OcclusionProtocol, score
+from experiments.report import write_report
 from experiments.run import Plan, Results, RunFailed, run
 from experiments.world import Outcome
 from mdkf.tables import Detections, Trace, Tracks
@@ -189,7 +190,7 @@ def test_a_filters_drift_does_not_depend_on_the_others(
 def test_a_failed_worker_loses_nothing_finished(
     finished: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The worlds before it are written, and the line says how many."""
+    """The worlds before it are written and reported, and the line says how many."""
     first = [row for row in finished.worlds.to_dicts() if row["seed"] == 0]
 
     def dying(worlds: object, workers: int) -> Iterator[Outcome]:
@@ -197,9 +198,11 @@ def test_a_failed_worker_loses_nothing_finished(
         raise RunFailed("a worker process died")
 
     monkeypatch.setattr("experiments.run._outcomes", dying)
-    with pytest.raises(RunFailed, match=r"died; 1 of 2 worlds are in"):
-        run(PLAN, tmp_path, 2)
+    results = run(PLAN, tmp_path, 2)
+    assert results.failure == f"a worker process died; 1 of 2 worlds are in {tmp_path}"
     assert set(pl.read_parquet(tmp_path / "worlds.parquet")["seed"]) == {0}
+    page = write_report(PLAN, results, tmp_path, "mdkf run").read_text()
+    assert "Unfinished: a worker process died" in page
 
 
 def test_pictures_come_from_the_first_good_seed(
