@@ -4,11 +4,13 @@ The filters and the tracker alone: `Tracker(MotionDynamics()).run(detections)` t
 into `Tracks`. Nothing here knows of simulators or files.
 """
 
+from mdkf import testing
 from mdkf.estimator import Estimator
 from mdkf.imm import InteractingMultipleModel
 from mdkf.kalman import Kalman
 from mdkf.motion_dynamics import MotionDynamics
-from mdkf.registry import ESTIMATORS, estimator
+from mdkf.registry import ESTIMATORS, estimator, estimator_names
+from mdkf.sequence import Estimates, filter_sequence
 from mdkf.settings import DETECTORS, TrackerSettings
 from mdkf.tables import (
     CLUTTER,
@@ -31,6 +33,7 @@ __all__ = [
     "REGIMES",
     "Detections",
     "EgoPath",
+    "Estimates",
     "Estimator",
     "InteractingMultipleModel",
     "Kalman",
@@ -42,4 +45,7 @@ __all__ = [
     "TrackerSettings",
     "Tracks",
     "estimator",
+    "estimator_names",
+    "filter_sequence",
+    "testing",
 ]

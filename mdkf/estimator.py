@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from mdkf.compiled import kernel
 from mdkf.tables import FloatArray, IntArray
 
 
@@ -46,6 +47,16 @@ class Estimator(Protocol):
 State = TypeVar("State")
 
 
+def arrays(state: Any) -> tuple[Any, ...]:
+    """The arrays of a dataclass, in order, as the kernels take them."""
+    return tuple(vars(state).values())
+
+
+def copied(state: State) -> State:
+    """A dataclass of arrays with arrays of its own."""
+    return type(state)(*(array.copy() for array in vars(state).values()))
+
+
 def take(state: State, rows: IntArray) -> State:
     """The states of some tracks, in the order of `rows`."""
     if isinstance(state, np.ndarray):
@@ -75,27 +86,70 @@ def _check_state(state: object) -> None:
         )
 
 
-def check_measurement(n: int, position: FloatArray, noise: FloatArray) -> None:
-    """Raise `ValueError` unless position is (n, 2), finite or all NaN by row, and noise (n, 2, 2)
-    with positive variances where a position is given."""
-    if position.shape != (n, 2) or noise.shape != (n, 2, 2):
+def checked_start(position: FloatArray, noise: FloatArray) -> FloatArray:
+    """First positions (n, 2); raises `ValueError` as `checked_measurement`, and for NaN."""
+    z, _ = checked_measurement(len(position), position, noise)
+    if np.isnan(z).any():
+        row = int(np.argmax(np.isnan(z[:, 0])))
+        raise ValueError(f"first position {row} is {z[row]}, expected two finite numbers")
+    return z
+
+
+def checked_measurement(
+    n: int, position: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (n, 2) and noise (n, 2, 2) as contiguous arrays.
+
+    Raises `ValueError` unless positions are finite or all NaN by row, and noise a positive
+    covariance where a position is given.
+    """
+    z = np.ascontiguousarray(position, dtype=np.float64)
+    R = np.ascontiguousarray(noise, dtype=np.float64)
+    if z.shape != (n, 2) or R.shape != (n, 2, 2):
         raise ValueError(
-            f"measurements of {n} tracks have shapes {position.shape} and {noise.shape}, "
+            f"measurements of {n} tracks have shapes {z.shape} and {R.shape}, "
             f"expected {(n, 2)} and {(n, 2, 2)}"
         )
-    missing = np.isnan(position).all(axis=1)
-    bad = ~missing & ~np.isfinite(position).all(axis=1)
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise ValueError(f"measurement {row} is {position[row]}, expected two finite numbers")
-    determinant = noise[:, 0, 0] * noise[:, 1, 1] - noise[:, 0, 1] * noise[:, 1, 0]
-    bad = ~missing & ~((noise[:, 0, 0] > 0) & (determinant > 0))
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise ValueError(f"noise {row} is {noise[row].tolist()}, expected a positive covariance")
+    check_finite(z, R)
+    return z, R
+
+
+def check_finite(z: FloatArray, R: FloatArray) -> None:
+    """Raise `ValueError` unless the rows of z (n, 2) are finite or all NaN, and R a positive
+    covariance where they are finite; R (r, 2, 2) is repeated to n rows."""
+    row = _first_bad(z, R)
+    if row < 0:
+        return
+    if not np.isfinite(z[row]).all():
+        raise ValueError(f"measurement {row} is {z[row]}, expected two finite numbers or two NaN")
+    given = R[row % len(R)].tolist()
+    raise ValueError(f"noise {row} is {given}, expected a positive covariance")
 
 
 def check_step(dt: float) -> None:
     """Raise `ValueError` unless dt is a finite time above zero [s]."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt is {dt} s, expected a finite time above 0")
+
+
+@kernel
+def _first_bad(z: FloatArray, R: FloatArray) -> int:
+    """First row whose measurement or noise cannot be used, -1 if there is none."""
+    r = -1
+    for k in range(z.shape[0]):
+        r = r + 1 if r + 1 < R.shape[0] else 0
+        if np.isnan(z[k, 0]) and np.isnan(z[k, 1]):
+            continue
+        r00, r01, r10, r11 = R[r, 0, 0], R[r, 0, 1], R[r, 1, 0], R[r, 1, 1]
+        # Written so that NaN fails; a rotated covariance is symmetric up to rounding.
+        usable = (
+            np.isfinite(z[k, 0])
+            and np.isfinite(z[k, 1])
+            and 0.0 < r00 < np.inf
+            and 0.0 < r11 < np.inf
+            and r00 * r11 - r01 * r01 > 0.0
+            and abs(r01 - r10) <= 1e-9 * (r00 + r11)
+        )
+        if not usable:
+            return k
+    return -1

@@ -10,17 +10,21 @@ from the model that is mixed into (Yuan et al., 2012), so that CV does not pull 
 towards zero.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 
-from mdkf.estimator import check_measurement, check_step
-from mdkf.kalman import chain, check_order, start_chains
-from mdkf.kernels import predict_covariance, predict_mean, update_state
-from mdkf.motion import PROCESS_NOISE, START_VARIANCE
+from mdkf.compiled import kernel
+from mdkf.estimator import arrays, check_step, checked_measurement, checked_start, copied
+from mdkf.kalman import chain, check_model, innovation_columns, no_innovation, start_chains
+from mdkf.kernels import predict_track, update_track
+from mdkf.mixing import copy_track, mix_models, mixture_innovation, mixture_moments
+from mdkf.motion import PROCESS_NOISE, START_VARIANCE, derivatives, taylor
+from mdkf.sequence import Estimates
 from mdkf.tables import FloatArray
 
 Mixing = Literal["unbiased", "zero"]
@@ -30,12 +34,16 @@ Mixing = Literal["unbiased", "zero"]
 class ImmState:
     """n tracks of K models, all in the largest model's m = order + 1 derivatives per axis.
 
-    mean (n, K, 2m), covariance (n, K, 2m, 2m), probability (n, K).
+    mean (n, K, 2m), covariance (n, K, 2m, 2m), probability (n, K); innovation (n, 2) [m], the
+    last measurement minus the mixture's prediction, and nis (n,), its square normalised by the
+    mixture's covariance: NaN where the last frame had no measurement.
     """
 
     mean: FloatArray
     covariance: FloatArray
     probability: FloatArray
+    innovation: FloatArray
+    nis: FloatArray
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class InteractingMultipleModel:
     start_variance: tuple[float, ...] = START_VARIANCE
 
     def __post_init__(self) -> None:
-        check_order(self.order, (2, 3))
+        check_model(self.order, (2, 3), self.process_density, self.start_variance)
         if self.mixing not in get_args(Mixing):
             raise ValueError(f"mixing is {self.mixing!r}, expected one of {get_args(Mixing)}")
         if not 0 < self.stay < 1:
@@ -66,151 +74,193 @@ class InteractingMultipleModel:
 
     def start(self, position: FloatArray, noise: FloatArray) -> ImmState:
         """States of n new tracks at positions (n, 2); the noise does not enter (RobMOT)."""
-        n, K, m = len(position), self.order, self.order + 1
+        z = checked_start(position, noise)
+        n, K, m = len(z), self.order, self.order + 1
         mean = np.zeros((n, K, 2 * m))
         covariance = np.zeros((n, K, 2 * m, 2 * m))
         for j in range(K):
-            x, P = start_chains(position, self.order, self.start_variance)
+            x, P = start_chains(z, self.order, self.start_variance)
             missing = np.flatnonzero(np.tile(np.arange(m) > j + 1, 2))
             P[:, missing, missing] = 0.0
             mean[:, j], covariance[:, j] = x, P
-        return ImmState(mean, covariance, np.full((n, K), 1.0 / K))
+        return ImmState(mean, covariance, np.full((n, K), 1.0 / K), *no_innovation(n))
 
     def predict(self, state: ImmState, dt: float) -> ImmState:
         """States dt [s] later, mixed first."""
         check_step(dt)
-        K, m = self.order, self.order + 1
-        F, Q = np.zeros((K, m, m)), np.zeros((K, m, m))
-        for j in range(K):
-            F[j, : j + 2, : j + 2], Q[j, : j + 2, : j + 2] = chain(j + 1, dt, self.process_density)
-        mean, covariance = np.empty_like(state.mean), np.empty_like(state.covariance)
+        mean, covariance = state.mean.copy(), state.covariance.copy()
         probability = state.probability.copy()
-        unbiased = self.mixing == "unbiased"
-        arrays = (state.mean, state.covariance, mean, covariance, probability)
-        _predict(*arrays, self.markov, F, Q, unbiased)
-        return ImmState(mean, covariance, probability)
+        _predict(
+            *_by_model(mean, covariance),
+            probability,
+            self.mixing == "unbiased",
+            taylor(self.order, dt),
+            *_bank(self, dt),
+        )
+        return ImmState(mean, covariance, probability, state.innovation, state.nis)
 
     def update(self, state: ImmState, position: FloatArray, noise: FloatArray) -> ImmState:
         """States after positions (n, 2) with covariance (n, 2, 2); NaN rows are not measured."""
-        check_measurement(len(state.mean), position, noise)
-        mean, covariance = state.mean.copy(), state.covariance.copy()
-        probability = state.probability.copy()
-        _update(mean, covariance, probability, position, noise)
-        return ImmState(mean, covariance, probability)
+        z, R = checked_measurement(len(state.mean), position, noise)
+        new = copied(state)
+        models = _by_model(new.mean, new.covariance)
+        _update(*models, new.probability, new.innovation, new.nis, z, R, *_sizes(self.order))
+        return new
+
+    def filter(
+        self, state: ImmState, positions: FloatArray, noise: FloatArray, dt: float, out: Estimates
+    ) -> ImmState:
+        """States after a sequence; the compiled pass of `mdkf.filter_sequence`."""
+        state = copied(state)
+        models = _by_model(state.mean, state.covariance)
+        modes = (state.probability, state.innovation, state.nis)
+        model = (self.mixing == "unbiased", taylor(self.order, dt), *_bank(self, dt))
+        sizes = _sizes(self.order)
+        arguments = (*models, *modes, positions, noise, *model, *sizes, *arrays(out))
+        _filter(*arguments)
+        return state
 
     def position(self, state: ImmState) -> FloatArray:
         """Positions (n, 2) of the mixture's mean [m]."""
-        return _mixture_mean(state)[:, :: self.order + 1]
+        return self._mixture(state)[0]
 
     def velocity(self, state: ImmState) -> FloatArray:
         """Velocities (n, 2) of the mixture's mean [m/s]."""
-        return _mixture_mean(state)[:, 1 :: self.order + 1]
+        return self._mixture(state)[1]
 
     def covariance(self, state: ImmState) -> FloatArray:
         """Covariances (n, 2, 2) of the mixture's position, the models' spread included [m2]."""
-        m = self.order + 1
-        positions = state.mean[:, :, ::m]
-        spread = positions - self.position(state)[:, None, :]
-        within = state.covariance[:, :, ::m, ::m] + spread[:, :, :, None] * spread[:, :, None, :]
-        combined: FloatArray = np.einsum("nk,nkij->nij", state.probability, within)
-        return combined
+        return self._mixture(state)[2]
+
+    def _mixture(self, state: ImmState) -> tuple[FloatArray, FloatArray, FloatArray]:
+        n = len(state.mean)
+        position, velocity, covariance = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
+        models = _by_model(state.mean, state.covariance)
+        mixture_moments(*models, state.probability, position, velocity, covariance)
+        return position, velocity, covariance
 
     def diagnostics(self, state: ImmState) -> Mapping[str, FloatArray]:
-        """Mode probabilities: probability_cv, probability_ca, (probability_cj)."""
+        """probability_cv, probability_ca, (probability_cj); innovation_x, innovation_y [m], nis."""
         names = ("cv", "ca", "cj")[: self.order]
-        return {f"probability_{name}": state.probability[:, j] for j, name in enumerate(names)}
+        modes = {f"probability_{name}": state.probability[:, j] for j, name in enumerate(names)}
+        return modes | innovation_columns(state.innovation, state.nis)
 
 
-def _mixture_mean(state: ImmState) -> FloatArray:
-    mean: FloatArray = np.einsum("nk,nki->ni", state.probability, state.mean)
-    return mean
+def _by_model(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Views with one row for each track and model, as the kernels of a track take them."""
+    size = mean.shape[2]
+    return mean.reshape(-1, size), covariance.reshape(-1, size, size)
 
 
-@njit(cache=True)
+def _sizes(order: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The derivatives of an axis and the models, as tuples (`mdkf.motion.derivatives`)."""
+    return derivatives(order), tuple(range(order))
+
+
+@lru_cache(maxsize=256)
+def _bank(
+    estimator: InteractingMultipleModel, dt: float
+) -> tuple[tuple[tuple[float, ...], ...], FloatArray]:
+    """Markov matrix (K, K) and the models' process noise (K, m, m), zero where one has no entry."""
+    K, m = estimator.order, estimator.order + 1
+    Q = np.zeros((K, m, m))
+    for j in range(K):
+        Q[j, : j + 2, : j + 2] = chain(j + 1, dt, estimator.process_density)[1]
+    Q.setflags(write=False)
+    return tuple(tuple(row) for row in estimator.markov.tolist()), Q
+
+
+@kernel
 def _predict(
     mean: FloatArray,
     covariance: FloatArray,
-    new_mean: FloatArray,
-    new_covariance: FloatArray,
     probability: FloatArray,
-    markov: FloatArray,
-    F: FloatArray,
-    Q: FloatArray,
     unbiased: bool,
+    taylor: tuple[float, ...],
+    markov: tuple[tuple[float, ...], ...],
+    Q: FloatArray,
 ) -> None:
-    models = mean.shape[1]
-    c, weight = np.empty(models), np.empty(models)
-    for k in range(mean.shape[0]):
-        for j in range(models):
+    m = len(taylor)
+    K = len(markov)
+    before = np.empty((K, 2 * m)), np.empty((K, 2 * m, 2 * m))
+    work = np.empty((K, 2 * m), dtype=np.int64), np.empty((K, 2 * m))
+    c, weight = np.empty(K), np.empty(K)
+    for k in range(probability.shape[0]):
+        copy_track(mean, covariance, k, K, m, before)
+        for j in range(K):
             c[j] = 0.0
-            for i in range(models):
-                c[j] += markov[i, j] * probability[k, i]
-            for i in range(models):
-                weight[i] = markov[i, j] * probability[k, i] / c[j]
-            _mix(mean[k], covariance[k], weight, j, unbiased, new_mean[k, j], new_covariance[k, j])
-            predict_mean(new_mean[k, j], F[j])
-            predict_covariance(new_covariance[k, j], F[j], Q[j])
-        for j in range(models):
+            for i in range(K):
+                c[j] += markov[i][j] * probability[k, i]
+            for i in range(K):
+                weight[i] = markov[i][j] * probability[k, i] / c[j]
+            row = k * K + j
+            mix_models(before, weight, j, K, m, unbiased, mean, covariance, row, work)
+            # A smaller model's missing derivatives are exactly zero: it moves by the same chain.
+            predict_track(mean, covariance, row, taylor, Q[j])
+        for j in range(K):
             probability[k, j] = c[j]
 
 
-@njit(cache=True)
-def _mix(
-    mean: FloatArray,
-    covariance: FloatArray,
-    weight: FloatArray,
-    j: int,
-    unbiased: bool,
-    x: FloatArray,
-    P: FloatArray,
-) -> None:
-    """Mix all models' means (K, 2m) and covariances into model j's x and P.
-
-    Model i knows the derivatives 0..i+1 of an axis; entries that model j has no use for are 0.
-    """
-    K, n = mean.shape
-    m = n // 2
-    for a in range(n):
-        x[a] = 0.0
-        if a % m <= j + 1:
-            for i in range(K):
-                source = j if unbiased and a % m > i + 1 else i
-                x[a] += weight[i] * mean[source, a]
-    for a in range(n):
-        for b in range(n):
-            P[a, b] = 0.0
-            if a % m > j + 1 or b % m > j + 1:
-                continue
-            for i in range(K):
-                a_missing, b_missing = a % m > i + 1, b % m > i + 1
-                source_a = j if unbiased and a_missing else i
-                source_b = j if unbiased and b_missing else i
-                # What is taken from the larger model is uncorrelated with what is not.
-                value = covariance[source_a, a, b] if source_a == source_b else 0.0
-                spread = (mean[source_a, a] - x[a]) * (mean[source_b, b] - x[b])
-                P[a, b] += weight[i] * (value + spread)
-
-
-@njit(cache=True)
+@kernel
 def _update(
     mean: FloatArray,
     covariance: FloatArray,
     probability: FloatArray,
-    position: FloatArray,
-    noise: FloatArray,
+    innovation: FloatArray,
+    nis: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    derivatives: tuple[int, ...],
+    modes: tuple[int, ...],
 ) -> None:
-    models = mean.shape[1]
-    likelihood = np.empty(models)
-    for k in range(mean.shape[0]):
-        if np.isnan(position[k, 0]):
+    m = len(derivatives)
+    K = len(modes)
+    square, determinant, work = np.empty(K), np.empty(K), np.empty((2 * m, 2))
+    for k in range(probability.shape[0]):
+        if np.isnan(z[k, 0]):
+            innovation[k, 0], innovation[k, 1], nis[k] = np.nan, np.nan, np.nan
             continue
-        for j in range(models):
-            likelihood[j] = update_state(mean[k, j], covariance[k, j], position[k], noise[k])[0]
-        # Relative to the best, so that a large jump cannot underflow every model.
-        best = likelihood.max()
+        mixture_innovation(mean, covariance, probability, innovation, nis, k, z, R, K, m)
+        # Likelihoods but for a common factor, relative to the nearest model's, so that a large
+        # jump cannot underflow them all. A model that has underflowed has no part in it.
+        nearest = math.inf
+        for j in range(K):
+            updated = update_track(mean, covariance, k * K + j, m, z, R, k, work)
+            square[j], determinant[j] = updated[2], updated[3]
+            if probability[k, j] > 0.0:
+                nearest = min(nearest, square[j])
         total = 0.0
-        for j in range(models):
-            probability[k, j] *= np.exp(likelihood[j] - best)
-            total += probability[k, j]
-        for j in range(models):
+        for j in range(K):
+            if probability[k, j] > 0.0:
+                likelihood = math.exp(0.5 * (nearest - square[j])) / math.sqrt(determinant[j])
+                probability[k, j] *= likelihood
+                total += probability[k, j]
+        for j in range(K):
             probability[k, j] /= total
+
+
+@kernel
+def _filter(
+    mean: FloatArray,
+    covariance: FloatArray,
+    probability: FloatArray,
+    innovation: FloatArray,
+    nis: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    unbiased: bool,
+    taylor: tuple[float, ...],
+    markov: tuple[tuple[float, ...], ...],
+    Q: FloatArray,
+    derivatives: tuple[int, ...],
+    modes: tuple[int, ...],
+    position: FloatArray,
+    velocity: FloatArray,
+    position_covariance: FloatArray,
+) -> None:
+    models = mean, covariance, probability
+    for t in range(z.shape[0]):
+        if t > 0:
+            _predict(*models, unbiased, taylor, markov, Q)
+            _update(*models, innovation, nis, z[t], R[t % R.shape[0]], derivatives, modes)
+        mixture_moments(*models, position[t], velocity[t], position_covariance[t])

@@ -1,75 +1,121 @@
-"""Scalar kernels that the estimators share: one track at a time, in place, strict floating point.
+"""Scalar kernels of a whole track: both axes, apart as long as nothing correlates them.
 
-A state is x = [px, vx, ax, ..., py, vy, ay, ...] with covariance P over the same entries; both
-axes move by the same chain F, Q (`mdkf.motion`), and the measurement is H x = [px, py].
+x and y move by the same chain (`mdkf.chain`) and stay independent while the measurement noise is
+diagonal; then each axis is predicted and updated by itself. Noise with a covariance between x and
+y couples them, and so does mixing (`mdkf.imm`): then the whole state is updated,
+
+    S = H P H' + R,  K = P H' S^-1,  x = x + K y,  P = (I - K H) P (I - K H)' + K R K',
+
+by two independent numbers in turn. As in `mdkf.chain`, Joseph's form is written out for the
+optimal gain.
 """
 
-import numpy as np
-from numba import njit
-
+from mdkf.chain import are_coupled, predict_axis, predict_cross, update_axis
+from mdkf.compiled import inlined
 from mdkf.tables import FloatArray
 
 
-@njit(cache=True)
-def predict_mean(x: FloatArray, F: FloatArray) -> None:
-    """x <- blockdiag(F, F) x; F is upper triangular, so rows can be replaced from the top."""
-    m = F.shape[0]
-    for axis in range(2):
-        for i in range(m):
-            total = 0.0
-            for j in range(i, m):
-                total += F[i, j] * x[axis * m + j]
-            x[axis * m + i] = total
+@inlined
+def predict_track(
+    x: FloatArray, P: FloatArray, k: int, taylor: tuple[float, ...], Q: FloatArray
+) -> None:
+    """Predict track k of the batch x (n, 2m), P (n, 2m, 2m); taylor (m,) is the first row of F."""
+    m = len(taylor)
+    predict_axis(x, P, k, 0, taylor, Q)
+    predict_axis(x, P, k, m, taylor, Q)
+    if are_coupled(P, k, m):
+        predict_cross(P, k, taylor)
 
 
-@njit(cache=True)
-def predict_covariance(P: FloatArray, F: FloatArray, Q: FloatArray) -> None:
-    """P <- F P F' + Q for both axes, cross-axis terms included."""
-    m = F.shape[0]
-    for column in range(2 * m):
-        predict_mean(P[:, column], F)
-    for row in range(2 * m):
-        predict_mean(P[row, :], F)
-    for axis in range(2):
-        for i in range(m):
-            for j in range(m):
-                P[axis * m + i, axis * m + j] += Q[i, j]
+@inlined
+def update_track(
+    x: FloatArray,
+    P: FloatArray,
+    k: int,
+    m: int,
+    z: FloatArray,
+    R: FloatArray,
+    row: int,
+    work: FloatArray,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Update track k with the measurement z[row] = H x + N(0, R[row]), z (., 2), R (., 2, 2).
 
-
-@njit(cache=True)
-def update_state(
-    x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray
-) -> tuple[float, float, float, float, float, float, float]:
-    """Kalman update of x and P with z = H x + N(0, R), covariance in Joseph form.
-
-    Returns the log-likelihood of z, the innovation y (2 numbers) and H K (2 x 2, by rows).
+    work (2m, 2) is overwritten. Returns the innovation y (2 numbers), its normalised square (NIS)
+    y' S^-1 y, det S, and H K (2 x 2, by rows).
     """
-    n = x.shape[0]
-    m = n // 2
-    s00 = P[0, 0] + R[0, 0]
-    s01 = P[0, m] + R[0, 1]
-    s11 = P[m, m] + R[1, 1]
-    determinant = s00 * s11 - s01 * s01
-    i00, i01, i11 = s11 / determinant, -s01 / determinant, s00 / determinant
-    y0 = z[0] - x[0]
-    y1 = z[1] - x[m]
-    K = np.empty((n, 2))
+    if R[row, 0, 1] == 0.0 and not are_coupled(P, k, m):
+        yx, sx, gain_x = update_axis(x, P, k, 0, m, z[row, 0], R[row, 0, 0])
+        yy, sy, gain_y = update_axis(x, P, k, m, m, z[row, 1], R[row, 1, 1])
+        return yx, yy, yx * yx / sx + yy * yy / sy, sx * sy, gain_x, 0.0, 0.0, gain_y
+    return _update_coupled(x, P, k, m, z, R, row, work)
+
+
+@inlined
+def _update_coupled(
+    x: FloatArray,
+    P: FloatArray,
+    k: int,
+    m: int,
+    z: FloatArray,
+    R: FloatArray,
+    row: int,
+    work: FloatArray,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    # R = L D L': the errors of px and of py - c px are independent, so these are two updates by
+    # one number each. S^-1 by its determinant would lose all digits where x and y are almost
+    # fully correlated.
+    r00, r01, r11 = R[row, 0, 0], R[row, 0, 1], R[row, 1, 1]
+    c = r01 / r00
+    yx, yy = z[row, 0] - x[k, 0], z[row, 1] - x[k, m]
+    sx = _update_along(x, P, k, m, 1.0, 0.0, yx, r00, work)
+    from_x, to_y = work[0, 1], work[m, 1]
+    rest = (z[row, 1] - x[k, m]) - c * (z[row, 0] - x[k, 0])
+    sy = _update_along(x, P, k, m, -c, 1.0, rest, (r00 * r11 - r01 * r01) / r00, work)
+    gx, gy = work[0, 1], work[m, 1]
+    # The two gains as one of (px, py): the second also saw what the first had moved.
+    back = c + (to_y - c * from_x)
+    nis = yx * yx / sx + rest * rest / sy
+    return yx, yy, nis, sx * sy, from_x - gx * back, gx, to_y - gy * back, gy
+
+
+@inlined
+def _update_along(
+    x: FloatArray,
+    P: FloatArray,
+    k: int,
+    m: int,
+    hx: float,
+    hy: float,
+    y: float,
+    r: float,
+    work: FloatArray,
+) -> float:
+    """Update with a measurement of hx px + hy py, innovation y, variance r; hy is 0 or 1.
+
+    Returns the innovation's variance; P H' is left in work[:, 0], the gain in work[:, 1].
+    """
+    n = 2 * m
     for i in range(n):
-        K[i, 0] = P[i, 0] * i00 + P[i, m] * i01
-        K[i, 1] = P[i, 0] * i01 + P[i, m] * i11
-        x[i] += K[i, 0] * y0 + K[i, 1] * y1
-    # Joseph: (I - K H) P (I - K H)' + K R K', the left product first.
-    A = np.empty((n, n))
+        work[i, 0] = hx * P[k, i, 0] + hy * P[k, i, m]
+    s: float = hx * work[0, 0] + hy * work[m, 0] + r
+    inverse = 1.0 / s
     for i in range(n):
-        for j in range(n):
-            A[i, j] = P[i, j] - K[i, 0] * P[0, j] - K[i, 1] * P[m, j]
+        work[i, 1] = work[i, 0] * inverse
+        x[k, i] += work[i, 1] * y
     for i in range(n):
-        kr0 = K[i, 0] * R[0, 0] + K[i, 1] * R[1, 0]
-        kr1 = K[i, 0] * R[0, 1] + K[i, 1] * R[1, 1]
         for j in range(i + 1):
-            value = A[i, j] - A[i, 0] * K[j, 0] - A[i, m] * K[j, 1] + kr0 * K[j, 0] + kr1 * K[j, 1]
-            P[i, j] = value
-            P[j, i] = value
-    distance = y0 * (i00 * y0 + i01 * y1) + y1 * (i01 * y0 + i11 * y1)
-    likelihood = -0.5 * (distance + np.log(determinant)) - np.log(2.0 * np.pi)
-    return likelihood, y0, y1, K[0, 0], K[0, 1], K[m, 0], K[m, 1]
+            value = P[k, i, j] - work[i, 1] * work[j, 0]
+            P[k, i, j] = value
+            P[k, j, i] = value
+    # (I - K H) P H' = K r, which gives the covariances with the position that was measured.
+    if hy == 0.0:
+        for i in range(n):
+            P[k, i, 0] = work[i, 1] * r
+            P[k, 0, i] = P[k, i, 0]
+    else:
+        for i in range(n):
+            if i != m:
+                P[k, i, m] = work[i, 1] * r - hx * P[k, i, 0]
+                P[k, m, i] = P[k, i, m]
+        P[k, m, m] = work[m, 1] * r - hx * P[k, 0, m]
+    return s

@@ -21,13 +21,23 @@ START_VARIANCE = (2.0, 4.0, 8.0, 8.0)
 [m2, (m/s)2, (m/s2)2, (m/s3)2]."""
 
 
+def derivatives(order: int) -> tuple[int, ...]:
+    """Entries of a chain, 0 for position up to the order: a tuple, because compiled kernels know
+    its length beforehand."""
+    return tuple(range(order + 1))
+
+
+def taylor(order: int, dt: float) -> tuple[float, ...]:
+    """First row of F, 1, dt, dt^2 / 2, ..: F[i, j] = taylor[j - i]."""
+    return tuple(dt**d / factorial(d) for d in range(order + 1))
+
+
 def transition(order: int, dt: float) -> FloatArray:
     """Transition matrix F of one axis, (order + 1, order + 1), for a step of dt [s]."""
-    size = order + 1
-    F = np.zeros((size, size))
-    for i in range(size):
-        for j in range(i, size):
-            F[i, j] = dt ** (j - i) / factorial(j - i)
+    row = taylor(order, dt)
+    F = np.zeros((order + 1, order + 1))
+    for i in range(order + 1):
+        F[i, i:] = row[: order + 1 - i]
     return F
 
 

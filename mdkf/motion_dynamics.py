@@ -5,20 +5,37 @@ axis. The weights (eq. weights) compare how much the last k denoised positions, 
 their second differences vary with the motion dynamics factors l:
 w_v = min(sigma(z) / l_v, 1), w_a = min(sigma(dz) / l_a, 1), w_j = min(sigma(d2z) / l_j, 1),
 sigma the sample standard deviation (eq. deviation_dynamics), differences in metres per frame.
-W = I until the window holds enough positions. In a gap W stays as it was.
+W = I until the window (`mdkf.motion_window`) holds enough positions. In a gap W stays as it was.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 
-from mdkf.estimator import check_measurement, check_step
-from mdkf.kalman import chain, check_order, start_chains
-from mdkf.kernels import predict_covariance, predict_mean, update_state
+from mdkf.compiled import inlined, kernel
+from mdkf.estimator import (
+    arrays,
+    check_step,
+    checked_measurement,
+    checked_start,
+    copied,
+)
+from mdkf.kalman import (
+    KalmanState,
+    chain,
+    check_model,
+    innovation_columns,
+    no_innovation,
+    record,
+    start_chains,
+)
+from mdkf.kernels import predict_track, update_track
 from mdkf.motion import PROCESS_NOISE, START_VARIANCE
+from mdkf.motion_window import remember, weigh
+from mdkf.sequence import Estimates
 from mdkf.tables import BoolArray, FloatArray, IntArray
 
 Covariance = Literal["F", "FW"]
@@ -31,16 +48,14 @@ FACTORS = {2: (0.15, 0.2), 3: (0.15, 0.1, 0.5)}
 
 
 @dataclass(frozen=True, eq=False)
-class MotionDynamicsState:
-    """n tracks, m = order + 1 derivatives per axis.
+class MotionDynamicsState(KalmanState):
+    """A `KalmanState` of n tracks, m = order + 1 derivatives per axis, and what weighs them.
 
-    mean (n, 2m), covariance (n, 2m, 2m); weight (n, 2, m), the diagonal of W by axis;
-    window (n, k + order - 1, 2): denoised positions [m], oldest first, the last `count` (n,) of
-    them valid; missed (n,): whether the last frame had no measurement.
+    weight (n, 2, m), the diagonal of W by axis; window (n, k + order - 1, 2): denoised positions
+    [m], oldest first, the last `count` (n,) of them valid; missed (n,): whether the last frame
+    had no measurement.
     """
 
-    mean: FloatArray
-    covariance: FloatArray
     weight: FloatArray
     window: FloatArray
     count: IntArray
@@ -73,11 +88,11 @@ class MotionDynamics:
     start_variance: tuple[float, ...] = START_VARIANCE
 
     def __post_init__(self) -> None:
-        check_order(self.order, (2, 3))
+        check_model(self.order, (2, 3), self.process_density, self.start_variance)
         if self.window < 2:
             raise ValueError(f"window is {self.window}, expected at least 2 values")
         factors = self.motion_factors
-        if len(factors) != self.order or min(factors) <= 0:
+        if len(factors) != self.order or not all(0 < f < math.inf for f in factors):
             raise ValueError(f"factors are {factors}, expected {self.order} lengths above 0 m")
         for option, kind in (
             ("covariance_by", Covariance),
@@ -97,13 +112,13 @@ class MotionDynamics:
 
     def start(self, position: FloatArray, noise: FloatArray) -> MotionDynamicsState:
         """States of n new tracks at positions (n, 2); the noise does not enter (RobMOT)."""
-        n = len(position)
-        mean, covariance = start_chains(position, self.order, self.start_variance)
+        z = checked_start(position, noise)
+        n = len(z)
         window = np.zeros((n, self.window + self.order - 1, 2))
-        window[:, -1] = position
+        window[:, -1] = z
         return MotionDynamicsState(
-            mean,
-            covariance,
+            *start_chains(z, self.order, self.start_variance),
+            *no_innovation(n),
             weight=np.ones((n, 2, self.order + 1)),
             window=window,
             count=np.ones(n, dtype=np.int64),
@@ -114,35 +129,43 @@ class MotionDynamics:
         """States dt [s] later."""
         check_step(dt)
         mean, covariance = state.mean.copy(), state.covariance.copy()
-        F, Q = chain(self.order, dt, self.process_density)
-        _predict(mean, covariance, state.weight, F, Q, self.covariance_by == "FW")
-        return MotionDynamicsState(
-            mean, covariance, state.weight, state.window, state.count, state.missed
-        )
+        by_fw = self.covariance_by == "FW"
+        model = chain(self.order, dt, self.process_density)
+        _predict(mean, covariance, state.weight, by_fw, *model)
+        return MotionDynamicsState(mean, covariance, *arrays(state)[2:])
 
     def update(
         self, state: MotionDynamicsState, position: FloatArray, noise: FloatArray
     ) -> MotionDynamicsState:
         """States after positions (n, 2) with covariance (n, 2, 2); NaN rows are not measured."""
-        check_measurement(len(state.mean), position, noise)
-        new = MotionDynamicsState(
-            state.mean.copy(),
-            state.covariance.copy(),
-            state.weight.copy(),
-            state.window.copy(),
-            state.count.copy(),
-            np.isnan(position[:, 0]),
-        )
-        denoised = np.empty_like(position)
-        denoise = get_args(Denoise).index(self.denoise)
-        _update(new.mean, new.covariance, denoised, denoise, position, noise)
-        if self.after_gap == "reset":
-            reset = state.missed & ~new.missed
-            new.count[reset] = 0
-            new.weight[reset] = 1.0
-        factors = np.array(self.motion_factors)
-        _weigh(new.weight, new.window, new.count, denoised, factors, self.axes == "joint")
+        z, R = checked_measurement(len(state.mean), position, noise)
+        new = copied(state)
+        arguments = (*arrays(new), z, R, *self._choices)
+        _update(*arguments)
         return new
+
+    def filter(
+        self,
+        state: MotionDynamicsState,
+        positions: FloatArray,
+        noise: FloatArray,
+        dt: float,
+        out: Estimates,
+    ) -> MotionDynamicsState:
+        """States after a sequence; the compiled pass of `mdkf.filter_sequence`."""
+        state = copied(state)
+        model = (self.covariance_by == "FW", *chain(self.order, dt, self.process_density))
+        choices = (*self._choices, *model)
+        arguments = (*arrays(state), positions, noise, *choices, *arrays(out))
+        _filter(*arguments)
+        return state
+
+    @property
+    def _choices(self) -> tuple[tuple[float, ...], int, bool, bool]:
+        """The options as the kernels take them; the factors as the paper's vector (1, l_v, ..)."""
+        denoise = get_args(Denoise).index(self.denoise)
+        factors = (1.0, *self.motion_factors)
+        return factors, denoise, self.after_gap == "reset", self.axes == "joint"
 
     def position(self, state: MotionDynamicsState) -> FloatArray:
         """Positions (n, 2) [m]."""
@@ -157,113 +180,136 @@ class MotionDynamics:
         return state.covariance[:, :: self.order + 1, :: self.order + 1]
 
     def diagnostics(self, state: MotionDynamicsState) -> Mapping[str, FloatArray]:
-        """Weights: weight_vx, weight_vy, weight_ax, weight_ay, (weight_jx, weight_jy)."""
-        return {
+        """weight_vx, weight_vy, weight_ax, .. (weight_jy); innovation_x, innovation_y [m], nis."""
+        weights = {
             f"weight_{derivative}{axis}": state.weight[:, a, d + 1]
             for d, derivative in enumerate("vaj"[: self.order])
             for a, axis in enumerate("xy")
         }
+        return weights | innovation_columns(state.innovation, state.nis)
 
 
-@njit(cache=True)
+@kernel
 def _predict(
     mean: FloatArray,
     covariance: FloatArray,
     weight: FloatArray,
-    F: FloatArray,
+    by_fw: bool,
+    taylor: tuple[float, ...],
     Q: FloatArray,
-    weigh_covariance: bool,
 ) -> None:
-    m = F.shape[0]
     for k in range(mean.shape[0]):
-        for i in range(2 * m):
-            w = weight[k, i // m, i % m]
-            mean[k, i] *= w
-            if weigh_covariance:
-                for j in range(2 * m):
-                    covariance[k, i, j] *= w
-                    covariance[k, j, i] *= w
-        predict_mean(mean[k], F)
-        predict_covariance(covariance[k], F, Q)
+        _apply(mean, covariance, weight, k, len(taylor), by_fw)
+        predict_track(mean, covariance, k, taylor, Q)
 
 
-@njit(cache=True)
+@inlined
+def _apply(
+    mean: FloatArray, covariance: FloatArray, weight: FloatArray, k: int, m: int, by_fw: bool
+) -> None:
+    """x <- W x of track k and, for covariance `FW`, P <- W P W."""
+    for axis in range(2):
+        for d in range(1, m):
+            mean[k, axis * m + d] *= weight[k, axis, d]
+    if by_fw:
+        for axis in range(2):
+            for d in range(1, m):
+                for other in range(2 * m):
+                    covariance[k, axis * m + d, other] *= weight[k, axis, d]
+                    covariance[k, other, axis * m + d] *= weight[k, axis, d]
+
+
+@kernel
 def _update(
     mean: FloatArray,
     covariance: FloatArray,
-    denoised: FloatArray,
-    denoise: int,
-    position: FloatArray,
-    noise: FloatArray,
-) -> None:
-    """Update measured tracks and write their denoised positions (eq. clear_noise_measurement);
-    NaN where nothing was measured. `denoise` counts in the order of `Denoise`."""
-    m = mean.shape[1] // 2
-    for k in range(mean.shape[0]):
-        z, R = position[k], noise[k]
-        denoised[k, 0], denoised[k, 1] = z[0], z[1]
-        if np.isnan(z[0]):
-            continue
-        _, y0, y1, h00, h01, h10, h11 = update_state(mean[k], covariance[k], z, R)
-        if denoise == 0:
-            denoised[k, 0] -= h00 * R[0, 0] + h01 * R[1, 1]
-            denoised[k, 1] -= h10 * R[0, 0] + h11 * R[1, 1]
-        elif denoise == 1:
-            denoised[k, 0] -= h00 * y0 + h01 * y1
-            denoised[k, 1] -= h10 * y0 + h11 * y1
-        elif denoise == 2:
-            denoised[k, 0] = mean[k, 0]
-            denoised[k, 1] = mean[k, m]
-
-
-@njit(cache=True)
-def _weigh(
+    innovation: FloatArray,
+    nis: FloatArray,
     weight: FloatArray,
     window: FloatArray,
     count: IntArray,
-    denoised: FloatArray,
-    factors: FloatArray,
+    missed: BoolArray,
+    z: FloatArray,
+    R: FloatArray,
+    factors: tuple[float, ...],
+    denoise: int,
+    reset: bool,
     joint: bool,
 ) -> None:
-    """Append the denoised positions and, where a window is full, weigh the derivatives."""
-    length, order = window.shape[1], factors.shape[0]
-    k = length - order + 1
-    values = np.empty(length)
-    deviation = np.empty((2, order))
-    for track in range(window.shape[0]):
-        if np.isnan(denoised[track, 0]):
+    m = len(factors)
+    work = np.empty((2 * m, 2))
+    for k in range(mean.shape[0]):
+        if np.isnan(z[k, 0]):
+            innovation[k, 0], innovation[k, 1], nis[k] = np.nan, np.nan, np.nan
+            missed[k] = True
             continue
-        count[track] = min(count[track] + 1, length)
-        for axis in range(2):
-            for i in range(length - 1):
-                window[track, i, axis] = window[track, i + 1, axis]
-            window[track, length - 1, axis] = denoised[track, axis]
-        if count[track] < length:
-            continue
-        for axis in range(2):
-            # Relative to the newest position, so that a large coordinate costs no digits.
-            for i in range(length):
-                values[i] = window[track, i, axis] - window[track, length - 1, axis]
-            for d in range(order):
-                deviation[axis, d] = _deviation(values, length - k)
-                for i in range(length - 1, 0, -1):
-                    values[i] -= values[i - 1]
-        for d in range(order):
-            for axis in range(2):
-                spread = deviation[axis, d]
-                if joint:
-                    spread = np.sqrt(deviation[0, d] ** 2 + deviation[1, d] ** 2)
-                weight[track, axis, d + 1] = min(spread / factors[d], 1.0)
+        yx, yy, square, _, h00, h01, h10, h11 = update_track(mean, covariance, k, m, z, R, k, work)
+        innovation[k, 0], innovation[k, 1], nis[k] = yx, yy, square
+        if reset and missed[k]:
+            count[k] = 0
+            for d in range(1, m):
+                weight[k, 0, d] = 1.0
+                weight[k, 1, d] = 1.0
+        missed[k] = False
+        # The denoised position (eq. clear_noise_measurement); options in the order of `Denoise`.
+        x, y = z[k, 0], z[k, 1]
+        if denoise == 0:
+            x -= h00 * R[k, 0, 0] + h01 * R[k, 1, 1]
+            y -= h10 * R[k, 0, 0] + h11 * R[k, 1, 1]
+        elif denoise == 1:
+            x -= h00 * yx + h01 * yy
+            y -= h10 * yx + h11 * yy
+        elif denoise == 2:
+            x, y = mean[k, 0], mean[k, m]
+        count[k] = min(count[k] + 1, window.shape[1])
+        of_positions, of_steps, of_changes = remember(window, k, x, y, m)
+        if count[k] == window.shape[1]:
+            weigh(weight, k, 1, of_positions, factors[1], joint)
+            weigh(weight, k, 2, of_steps, factors[2], joint)
+            if m > 3:
+                weigh(weight, k, 3, of_changes, factors[-1], joint)
 
 
-@njit(cache=True)
-def _deviation(values: FloatArray, first: int) -> float:
-    """Sample standard deviation (ddof = 1) of the values from the first on."""
-    n = values.shape[0] - first
-    mean = 0.0
-    for i in range(first, values.shape[0]):
-        mean += values[i] / n
-    total = 0.0
-    for i in range(first, values.shape[0]):
-        total += (values[i] - mean) ** 2
-    return float(np.sqrt(total / (n - 1)))
+@kernel
+def _filter(
+    mean: FloatArray,
+    covariance: FloatArray,
+    innovation: FloatArray,
+    nis: FloatArray,
+    weight: FloatArray,
+    window: FloatArray,
+    count: IntArray,
+    missed: BoolArray,
+    z: FloatArray,
+    R: FloatArray,
+    factors: tuple[float, ...],
+    denoise: int,
+    reset: bool,
+    joint: bool,
+    by_fw: bool,
+    taylor: tuple[float, ...],
+    Q: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    position_covariance: FloatArray,
+) -> None:
+    for t in range(z.shape[0]):
+        if t > 0:
+            _predict(mean, covariance, weight, by_fw, taylor, Q)
+            _update(
+                mean,
+                covariance,
+                innovation,
+                nis,
+                weight,
+                window,
+                count,
+                missed,
+                z[t],
+                R[t % R.shape[0]],
+                factors,
+                denoise,
+                reset,
+                joint,
+            )
+        record(mean, covariance, position[t], velocity[t], position_covariance[t])

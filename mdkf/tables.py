@@ -306,8 +306,8 @@ class Tracks(Table):
     """Estimated boxes: position, yaw and size [m, rad], velocity vx, vy [m/s], score.
 
     cov_xx, cov_xy, cov_yy [m2] is the covariance of the filter's position; `coasted` marks
-    frames without a detection; `diagnostics` are the estimator's own columns (MD weights, IMM
-    mode probabilities).
+    frames without a detection; `diagnostics` are the estimator's own columns (innovation, MD
+    weights, IMM mode probabilities), NaN where it has no value.
     """
 
     ID = "track_id"
@@ -338,6 +338,12 @@ class Tracks(Table):
         return replace(
             self, **columns, diagnostics={c: a[rows] for c, a in self.diagnostics.items()}
         )
+
+    def _may_miss(self, column: str) -> BoolArray:
+        # There is no innovation in a frame without a measurement.
+        if column in self.diagnostics:
+            return np.isnan(self.diagnostics[column])
+        return super()._may_miss(column)
 
     def validate(self) -> None:
         super().validate()
