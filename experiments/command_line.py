@@ -26,6 +26,8 @@ import sim_bridge
 from experiments import run as runs
 from experiments import terminal
 from experiments.occlusion import OcclusionProtocol
+from experiments.options import Json
+from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score import score as score_tracks
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
@@ -49,7 +51,6 @@ DEFAULT_SEEDS = 6
 OUT = Path("mdkf-out")
 
 Seed = Annotated[int, typer.Option(help="Seed of the random numbers.", min=0)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 OutFile = Annotated[Path, typer.Option("--out", help="Parquet file to write.", dir_okay=False)]
 Setting = Annotated[
     list[str] | None,
@@ -113,7 +114,11 @@ def run(
     ] = None,
     seeds: Annotated[int, typer.Option(help="How many seeds, from 0.", min=1)] = DEFAULT_SEEDS,
     filters: Annotated[
-        str, typer.Option(help=f"Comma-separated; known: {', '.join(mdkf.ESTIMATORS)}.")
+        str,
+        typer.Option(
+            help=f"Comma-separated; known: {', '.join(mdkf.estimator_names())};"
+            " or a built-in NAME-retuned."
+        ),
     ] = ",".join(runs.FILTERS),
     occlusion: Occlusion = "mid:20",
     detector: Detector = "pointrcnn",
@@ -224,7 +229,11 @@ def track(
     detections: Annotated[Path, typer.Argument(help="A detection table's Parquet file.")],
     out: OutFile,
     name: Annotated[
-        str, typer.Option("--filter", help=f"One of: {', '.join(mdkf.ESTIMATORS)}.")
+        str,
+        typer.Option(
+            "--filter",
+            help=f"One of: {', '.join(mdkf.estimator_names())}; or a built-in NAME-retuned.",
+        ),
     ] = "md",
     settings: Settings = None,
 ) -> None:
@@ -254,6 +263,9 @@ def score(
         print(json.dumps(summary, allow_nan=False))
     else:
         Console().print(terminal.score_table(summary))
+
+
+app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
 
 
 def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:

@@ -30,7 +30,7 @@ def colours(filters: Sequence[str]) -> dict[str, str]:
     return {name: _COLOURS.get(name) or spare[name] for name in filters}
 
 
-def _line(name: str) -> str:
+def line_style(name: str) -> str:
     """Variants of a filter are dashed: where they agree, both can be seen."""
     return "--" if "-" in name else "-"
 
@@ -64,7 +64,7 @@ def gap_figure(
         own = errors.filter(pl.col("filter") == name).sort("frame")
         seconds = (own["frame"].to_numpy() - start) * trace.dt
         values = own["error"].to_numpy().astype(np.float64)
-        over_time.plot(seconds, values, _line(name), color=colour, label=name, linewidth=1.8)
+        over_time.plot(seconds, values, line_style(name), color=colour, label=name, linewidth=1.8)
     _finish_time_axis(over_time, (stop - start) * trace.dt)
     over_time.set_ylabel("error of the followed track [m]")
     return figure
@@ -98,7 +98,7 @@ def mean_drift_figure(
             intervals = [mean_interval(by_seed.filter(offset=k)["drift"]) for k in offsets]
             seconds = offsets * dt
             mean = [interval.mean for interval in intervals]
-            axes.plot(seconds, mean, _line(name), color=colour, label=name, linewidth=1.8)
+            axes.plot(seconds, mean, line_style(name), color=colour, label=name, linewidth=1.8)
             low = [interval.low for interval in intervals]
             high = [interval.high for interval in intervals]
             axes.fill_between(seconds, low, high, color=colour, alpha=0.15, linewidth=0)

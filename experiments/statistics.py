@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
+from mdkf.tables import FloatArray
+
 CONFIDENCE = 0.95
 
 
@@ -34,3 +36,14 @@ def mean_interval(values: ArrayLike) -> Interval:
         return Interval(mean, float("nan"), float("nan"), 1)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * stats.sem(kept))
     return Interval(mean, mean - half, mean + half, n)
+
+
+def mean_intervals(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means, lows and highs (...) of the values (n, ...) along their first axis, each as
+    `mean_interval` has them; many at once, no value missing."""
+    n = len(values)
+    mean = values.mean(axis=0)
+    if n < 2:
+        return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
+    return mean, mean - half, mean + half
