@@ -25,6 +25,7 @@ import scenarios
 import sim_bridge
 from experiments import run as runs
 from experiments import terminal
+from experiments.bench.command import bench
 from experiments.occlusion import OcclusionProtocol
 from experiments.options import Json
 from experiments.paper.command import paper
@@ -266,6 +267,7 @@ def score(
 
 
 app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
+app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 
 def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:

@@ -1,0 +1,36 @@
+"""How much is measured: the sizes, and how long and how often."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that decides how long a benchmark takes.
+
+    rounds: interleaved measurements of each case; processes: of each start of a process.
+    shortest: CPU time of a measurement, at least [s].
+    tracks: numbers of tracks of the filters; reference: those at which filterpy and numpy run,
+    one track at a time: their cost per track is the same for any number.
+    steps: of a run, frame by frame; updates: of all tracks together in a compiled run, which has
+    at least `passes` steps: a pass also starts the tracks and makes room for the estimates.
+    objects: numbers of objects of the whole tracker; frames: of its sequence.
+    scored: frames of the sequence that is scored, with 20 objects.
+    boxes: in view of the sensor.
+    """
+
+    rounds: int = 7
+    processes: int = 3
+    shortest: float = 0.02
+    tracks: tuple[int, ...] = (1, 10, 50, 200, 1000, 10_000)
+    reference: tuple[int, ...] = (1, 10)
+    steps: int = 20
+    updates: int = 100_000
+    passes: int = 50
+    objects: tuple[int, ...] = (10, 50, 200)
+    frames: int = 100
+    scored: int = 1000
+    boxes: int = 200
+
+
+QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50)
+"""A look at all sizes in some seconds."""
