@@ -33,8 +33,7 @@ _ALL = (
         "regimes",
         "in which motion regimes does MD drift less in a gap than CA and IMM, with nothing else"
         " in play?",
-        "filters.md, What is known from Monte Carlo; the paper's claim that MD-KF consistently"
-        " outperforms, Occlusion Analysis",
+        "the paper's claim that MD-KF consistently outperforms; its Occlusion Analysis",
         _regimes,
     ),
 )

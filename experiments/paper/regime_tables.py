@@ -127,7 +127,8 @@ def _notes(noted: pl.DataFrame) -> Table:
     headings = [part for noise in noises for part in (_noise(noise), "sign")]
     table = _table(
         f"{SUBJECT} minus {NOTED['against']} over {NOTED['gap']} frames [m] and its sign, after"
-        f" {NOTED['history']} frames of history; notes: filters.md, white noise of 0.1 to 0.13 m",
+        f" {NOTED['history']} frames of history; notes: the project's first table, its motions"
+        " and noise not recorded",
         "regime",
         "notes",
         *headings,

@@ -287,7 +287,7 @@ def test_items_are_listed(mdkf_command: Mdkf) -> None:
     (row,) = json.loads(mdkf_command("paper", "--list", "--json").out)["rows"]
     assert row["id"] == "regimes"
     assert row["question"].endswith("?")
-    assert "Monte Carlo" in row["where"]
+    assert "Occlusion" in row["where"]
 
 
 @pytest.mark.parametrize(
