@@ -110,20 +110,17 @@ def checked_measurement(
             f"measurements of {n} tracks have shapes {z.shape} and {R.shape}, "
             f"expected {(n, 2)} and {(n, 2, 2)}"
         )
-    check_finite(z, R)
+    row = first_bad(z, R)
+    if row >= 0:
+        raise ValueError(refusal(z[row], R[row], f"{row}"))
     return z, R
 
 
-def check_finite(z: FloatArray, R: FloatArray) -> None:
-    """Raise `ValueError` unless the rows of z (n, 2) are finite or all NaN, and R a positive
-    covariance where they are finite; R (r, 2, 2) is repeated to n rows."""
-    row = _first_bad(z, R)
-    if row < 0:
-        return
-    if not np.isfinite(z[row]).all():
-        raise ValueError(f"measurement {row} is {z[row]}, expected two finite numbers or two NaN")
-    given = R[row % len(R)].tolist()
-    raise ValueError(f"noise {row} is {given}, expected a positive covariance")
+def refusal(z: FloatArray, R: FloatArray, where: str) -> str:
+    """Why a measurement z (2,) with noise R (2, 2) cannot be used."""
+    if not np.isfinite(z).all():
+        return f"measurement {where} is {z}, expected two finite numbers or two NaN"
+    return f"noise {where} is {R.tolist()}, expected a positive covariance"
 
 
 def check_step(dt: float) -> None:
@@ -133,8 +130,9 @@ def check_step(dt: float) -> None:
 
 
 @kernel
-def _first_bad(z: FloatArray, R: FloatArray) -> int:
-    """First row whose measurement or noise cannot be used, -1 if there is none."""
+def first_bad(z: FloatArray, R: FloatArray) -> int:
+    """First row of z (n, 2) that cannot be used, -1 if there is none: neither finite nor all NaN,
+    or finite with noise that is no positive covariance; R (r, 2, 2) is repeated to n rows."""
     r = -1
     for k in range(z.shape[0]):
         r = r + 1 if r + 1 < R.shape[0] else 0

@@ -117,6 +117,9 @@ def check_model(
     and variances that are too few or negative."""
     if order not in known:
         raise ValueError(f"order is {order}, expected one of {known} (1 CV, 2 CA, 3 CJ)")
+    for name, given in (("process_density", density), ("start_variance", start_variance)):
+        if not isinstance(given, tuple):
+            raise ValueError(f"{name} is {given!r}, expected a tuple of numbers")
     if len(density) < order or not all(np.isfinite(q) and q >= 0 for q in density):
         raise ValueError(f"process_density is {density}, expected {order} numbers, 0 or more")
     if len(start_variance) <= order or not all(np.isfinite(s) and s > 0 for s in start_variance):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mdkf.estimator import Estimator, check_finite, check_step
+from mdkf.estimator import Estimator, check_step, first_bad, refusal
 from mdkf.tables import FloatArray
 
 
@@ -37,16 +37,18 @@ def filter_sequence(
     z = np.ascontiguousarray(positions, dtype=np.float64)
     if z.ndim != 3 or z.shape[2] != 2 or len(z) == 0:
         raise ValueError(f"positions have shape {z.shape}, expected (T, n, 2) with T at least 1")
-    T, n, _ = z.shape
-    R = np.asarray(noise, dtype=np.float64)
-    R = np.ascontiguousarray(np.broadcast_to(R, (T if R.ndim == 4 else 1, n, 2, 2)))
-    steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), (T - 1,))
+    R = _noise(np.asarray(noise, dtype=np.float64), z)
+    steps = _steps(np.asarray(dt, dtype=np.float64), len(z))
+    row = first_bad(z.reshape(-1, 2), R.reshape(-1, 2, 2))
+    if row >= 0:
+        frame, track = divmod(row, z.shape[1])
+        where = f"of frame {frame}, track {track}"
+        raise ValueError(refusal(z[frame, track], R[frame % len(R), track], where))
     state = estimator.start(z[0], R[0])
+    T, n, _ = z.shape
     out = Estimates(np.empty((T, n, 2)), np.empty((T, n, 2)), np.empty((T, n, 2, 2)))
     compiled = getattr(estimator, "filter", None)
     if compiled is not None and np.ndim(dt) == 0:
-        check_step(float(np.asarray(dt)))
-        check_finite(z.reshape(-1, 2), R.reshape(-1, 2, 2))
         compiled(state, z, R, float(np.asarray(dt)), out)
         return out
     for t in range(T):
@@ -56,3 +58,22 @@ def filter_sequence(
         out.velocity[t] = estimator.velocity(state)
         out.covariance[t] = estimator.covariance(state)
     return out
+
+
+def _noise(R: FloatArray, z: FloatArray) -> FloatArray:
+    """Noise of every track, (1, n, 2, 2) where it is the same in all frames, else (T, n, 2, 2)."""
+    T, n, _ = z.shape
+    if R.shape not in ((2, 2), (n, 2, 2), (T, n, 2, 2)):
+        raise ValueError(
+            f"noise has shape {R.shape}, expected (2, 2), {(n, 2, 2)} or {(T, n, 2, 2)}"
+        )
+    return np.ascontiguousarray(np.broadcast_to(R, (T if R.ndim == 4 else 1, n, 2, 2)))
+
+
+def _steps(dt: FloatArray, T: int) -> FloatArray:
+    """Times (T - 1,) between the frames [s]."""
+    if dt.shape not in ((), (T - 1,)):
+        raise ValueError(f"dt has shape {dt.shape}, expected one number or {T - 1}")
+    for step in np.unique(dt):
+        check_step(float(step))
+    return np.broadcast_to(dt, (T - 1,))
