@@ -39,8 +39,26 @@ class KalmanState:
     nis: FloatArray
 
 
+class OneChain:
+    """What is read off a state that holds one chain of derivatives per axis."""
+
+    order: int
+
+    def position(self, state: KalmanState) -> FloatArray:
+        """Positions (n, 2) [m]."""
+        return state.mean[:, :: self.order + 1]
+
+    def velocity(self, state: KalmanState) -> FloatArray:
+        """Velocities (n, 2) [m/s]."""
+        return state.mean[:, 1 :: self.order + 1]
+
+    def covariance(self, state: KalmanState) -> FloatArray:
+        """Covariances of the positions (n, 2, 2) [m2]."""
+        return state.covariance[:, :: self.order + 1, :: self.order + 1]
+
+
 @dataclass(frozen=True)
-class Kalman:
+class Kalman(OneChain):
     """Kalman filter of motion order 1 (CV), 2 (CA) or 3 (CJ), batched over tracks.
 
     process_density: spectral densities of the white noise at each derivative (`mdkf.motion`).
@@ -89,18 +107,6 @@ class Kalman:
         arguments = (*arrays(state), positions, noise, *model, *arrays(out))
         _filter(*arguments)
         return state
-
-    def position(self, state: KalmanState) -> FloatArray:
-        """Positions (n, 2) [m]."""
-        return state.mean[:, :: self.order + 1]
-
-    def velocity(self, state: KalmanState) -> FloatArray:
-        """Velocities (n, 2) [m/s]."""
-        return state.mean[:, 1 :: self.order + 1]
-
-    def covariance(self, state: KalmanState) -> FloatArray:
-        """Covariances of the positions (n, 2, 2) [m2]."""
-        return state.covariance[:, :: self.order + 1, :: self.order + 1]
 
     def diagnostics(self, state: KalmanState) -> Mapping[str, FloatArray]:
         """innovation_x, innovation_y [m], nis."""

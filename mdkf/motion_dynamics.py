@@ -25,6 +25,7 @@ from mdkf.estimator import (
 )
 from mdkf.kalman import (
     KalmanState,
+    OneChain,
     chain,
     check_model,
     innovation_columns,
@@ -63,7 +64,7 @@ class MotionDynamicsState(KalmanState):
 
 
 @dataclass(frozen=True)
-class MotionDynamics:
+class MotionDynamics(OneChain):
     """MD-KF of motion order 2 (acceleration) or 3 (jerk), batched over tracks.
 
     window: k, the number of values behind each standard deviation.
@@ -166,18 +167,6 @@ class MotionDynamics:
         denoise = get_args(Denoise).index(self.denoise)
         factors = (1.0, *self.motion_factors)
         return factors, denoise, self.after_gap == "reset", self.axes == "joint"
-
-    def position(self, state: MotionDynamicsState) -> FloatArray:
-        """Positions (n, 2) [m]."""
-        return state.mean[:, :: self.order + 1]
-
-    def velocity(self, state: MotionDynamicsState) -> FloatArray:
-        """Velocities (n, 2) [m/s]."""
-        return state.mean[:, 1 :: self.order + 1]
-
-    def covariance(self, state: MotionDynamicsState) -> FloatArray:
-        """Covariances of the positions (n, 2, 2) [m2]."""
-        return state.covariance[:, :: self.order + 1, :: self.order + 1]
 
     def diagnostics(self, state: MotionDynamicsState) -> Mapping[str, FloatArray]:
         """weight_vx, weight_vy, weight_ax, .. (weight_jy); innovation_x, innovation_y [m], nis."""
