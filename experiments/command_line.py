@@ -111,7 +111,10 @@ def _mdkf(
 def run(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[SCENARIO]...", help="Names or YAML files; all if none is given."),
+        typer.Argument(
+            metavar="[SCENARIO]...",
+            help=f"Names or YAML files; {' and '.join(runs.SCENARIOS)} if none is given.",
+        ),
     ] = None,
     seeds: Annotated[int, typer.Option(help="How many seeds, from 0.", min=1)] = DEFAULT_SEEDS,
     filters: Annotated[
@@ -134,7 +137,7 @@ def run(
     """Simulate, detect, occlude, track with each filter, score: a table and a report."""
     profile = sim_bridge.load_profile(detector)
     plan = runs.Plan(
-        scenarios=_scenarios(names),
+        scenarios=_scenarios(names or list(runs.SCENARIOS)),
         seeds=tuple(range(seeds)),
         filters=_filters(filters),
         detector=detector,

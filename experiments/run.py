@@ -34,6 +34,9 @@ from scenarios import Scenario
 from sim_bridge import check_inputs
 from sim_bridge.parquet import write_frame
 
+SCENARIOS = ("bus_stop", "stop_and_go")
+"""The worlds of the main job, unless told otherwise: a bus that hides standing cars, and queues."""
+
 _ROBMOT = ("ca", "imm", "imm-zero", "md", "md-keep")
 FILTERS = _ROBMOT + tuple(f"{name}-retuned" for name in _ROBMOT)
 """What is compared unless told otherwise: every estimator with RobMOT's start variance and with

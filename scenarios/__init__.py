@@ -5,6 +5,22 @@
 
 from scenarios.catalogue import list_names as list
 from scenarios.catalogue import load
-from scenarios.scenario import ParameterSpec, Scenario, ScenarioError, StaticBox
+from scenarios.scenario import (
+    ClosedFormScenario,
+    ParameterSpec,
+    Scenario,
+    ScenarioError,
+    StaticBox,
+    SumoScenario,
+)
 
-__all__ = ["ParameterSpec", "Scenario", "ScenarioError", "StaticBox", "list", "load"]
+__all__ = [
+    "ClosedFormScenario",
+    "ParameterSpec",
+    "Scenario",
+    "ScenarioError",
+    "StaticBox",
+    "SumoScenario",
+    "list",
+    "load",
+]

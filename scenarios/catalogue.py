@@ -8,9 +8,18 @@ import math
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
-from scenarios.scenario import ParameterSpec, Scenario, ScenarioError, StaticBox, format_number
-from scenarios.schema import ScenarioSettings
+from scenarios.scenario import (
+    ClosedFormScenario,
+    ParameterSpec,
+    Scenario,
+    ScenarioError,
+    StaticBox,
+    SumoScenario,
+    format_number,
+)
+from scenarios.schema import ClosedFormSettings, ScenarioSettings, SumoSettings, settings_of
 from scenarios.settings import read_settings
 
 DEFINITION = "scenario.yaml"
@@ -29,25 +38,31 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     line) for an unknown name, an unknown, ill-typed or out-of-bounds parameter, or a bad file.
     """
     path = _locate(name_or_path)
-    settings = read_settings(path, ScenarioSettings, ScenarioError)
+    settings = read_settings(path, settings_of, ScenarioError)
     specs = tuple(
         ParameterSpec(name=key, **dict(value)) for key, value in settings.parameters.items()
     )
-    scenario = Scenario(
-        name=settings.name,
-        purpose=settings.purpose,
-        source=settings.source,
-        parameters=_choose(settings.name, specs, parameters),
-        parameter_specs=specs,
-        duration=settings.duration,
+    common: dict[str, Any] = {
+        "name": settings.name,
+        "purpose": settings.purpose,
+        "source": settings.source,
+        "parameters": _choose(settings.name, specs, parameters),
+        "parameter_specs": specs,
+        "duration": settings.duration,
+        "sensor_height": settings.sensor_height,
+        "statics": _static_boxes(settings),
+        "definition": path,
+    }
+    if isinstance(settings, ClosedFormSettings):
+        return ClosedFormScenario(**common, motion=settings.motion)
+    assert isinstance(settings, SumoSettings)
+    scenario = SumoScenario(
+        **common,
         warmup=settings.warmup,
         network=_beside(path, "network", settings.network),
         routes=_beside(path, "routes", settings.routes),
         ego=settings.ego,
-        sensor_height=settings.sensor_height,
-        statics=_static_boxes(settings),
         kinematics=settings.kinematics,
-        definition=path,
     )
     scenario.route_xml()  # an undeclared placeholder must fail here, not in the simulator
     return scenario

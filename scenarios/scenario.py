@@ -12,8 +12,9 @@ from string import Template
 from typing import Literal
 
 Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
-Source = Literal["sumo"]
+Source = Literal["sumo", "closed-form"]
 Kinematics = Literal["smooth", "raw"]
+MotionName = Literal["polynomial", "speed_change", "circle", "lane_change", "journey"]
 
 
 class ScenarioError(ValueError):
@@ -53,11 +54,9 @@ class StaticBox:
 class Scenario:
     """What happens on the road: all that determines a trace together with a seed.
 
-    `parameters` are the values in use; `duration` [s] is recorded after `warmup` [s]; `network` is
-    a SUMO network; `routes` is a template of a SUMO route file, filled in by `route_xml`; `ego` is
-    the vehicle whose roof carries the sensor at `sensor_height` [m]; `statics` belong to the
-    bridge, SUMO knows nothing of them; `kinematics` says whether motion is smoothed or SUMO's own
-    numbers are kept; `definition` is the YAML file.
+    `parameters` are the values in use; `duration` [s] is what is recorded; the sensor is carried
+    at `sensor_height` [m]; `statics` never move and belong to the bridge; `definition` is the YAML
+    file. What else there is depends on the source: `SumoScenario`, `ClosedFormScenario`.
     """
 
     name: str
@@ -66,14 +65,51 @@ class Scenario:
     parameters: Mapping[str, float] = field(hash=False)
     parameter_specs: tuple[ParameterSpec, ...]
     duration: float
+    sensor_height: float
+    statics: tuple[StaticBox, ...]
+    definition: Path
+
+    def identity(self) -> str:
+        """Canonical JSON of everything that determines the trace besides the seed.
+
+        Files enter by the SHA-256 of their contents and never by their path, so a scenario has the
+        same identity on every machine.
+        """
+        document = {
+            "name": self.name,
+            "source": self.source,
+            "parameters": {name: float(value) for name, value in self.parameters.items()},
+            "duration": float(self.duration),
+            "sensor_height": float(self.sensor_height),
+            "statics": [asdict(box) for box in self.statics],
+            "files": {key: _sha256(path) for key, path in self._files().items()},
+            **self._particulars(),
+        }
+        return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+    def _files(self) -> dict[str, Path]:
+        return {"definition": self.definition}
+
+    def _particulars(self) -> dict[str, object]:
+        """What the source adds to the identity."""
+        return {}
+
+
+@dataclass(frozen=True, slots=True)
+class SumoScenario(Scenario):
+    """Traffic simulated by SUMO.
+
+    It runs for `warmup` [s] before the recording; `network` is a SUMO network; `routes` is a
+    template of a SUMO route file, filled in by `route_xml`; `ego` is the vehicle whose roof
+    carries the sensor; `kinematics` says whether motion is smoothed or SUMO's own numbers are
+    kept. SUMO knows nothing of the statics.
+    """
+
     warmup: float
     network: Path
     routes: Path
     ego: str
-    sensor_height: float
-    statics: tuple[StaticBox, ...]
     kinematics: Kinematics
-    definition: Path
 
     def route_xml(self) -> str:
         """The route file with every ``${parameter}`` replaced by its value.
@@ -93,29 +129,34 @@ class Scenario:
         except ValueError as error:
             raise ScenarioError(f"{self.routes}: {error}; write $$ for a dollar sign") from None
 
-    def identity(self) -> str:
-        """Canonical JSON of everything that determines the trace besides the seed.
+    def _files(self) -> dict[str, Path]:
+        return {"definition": self.definition, "network": self.network, "routes": self.routes}
 
-        Files enter by the SHA-256 of their contents and never by their path, so a scenario has the
-        same identity on every machine.
-        """
-        document = {
-            "name": self.name,
-            "source": self.source,
-            "parameters": {name: float(value) for name, value in self.parameters.items()},
-            "duration": float(self.duration),
-            "warmup": float(self.warmup),
-            "ego": self.ego,
-            "sensor_height": float(self.sensor_height),
-            "kinematics": self.kinematics,
-            "statics": [asdict(box) for box in self.statics],
-            "files": {
-                "definition": _sha256(self.definition),
-                "network": _sha256(self.network),
-                "routes": _sha256(self.routes),
-            },
-        }
-        return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    def _particulars(self) -> dict[str, object]:
+        return {"warmup": float(self.warmup), "ego": self.ego, "kinematics": self.kinematics}
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedFormScenario(Scenario):
+    """One car that moves by a formula, seen by a sensor that stands at the origin.
+
+    `motion` is the formula's name; the parameters are its own (`sim_bridge.closed_form`).
+    """
+
+    motion: MotionName
+
+    def _particulars(self) -> dict[str, object]:
+        return {"motion": self.motion}
+
+
+MOTION_PARAMETERS: Mapping[MotionName, tuple[str, ...]] = {
+    "polynomial": ("speed", "acceleration", "jerk"),
+    "speed_change": ("speed", "target", "begin", "acceleration", "jerk"),
+    "circle": ("speed", "radius"),
+    "lane_change": ("speed", "begin", "change", "width"),
+    "journey": ("speed", "acceleration", "jerk", "pause"),
+}
+"""What each motion needs besides `x`, `y` [m], where the car starts, and `heading` [rad]."""
 
 
 def format_number(value: float) -> str:

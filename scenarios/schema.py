@@ -1,10 +1,11 @@
 """What a scenario's YAML file may say: keys, units, bounds."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from scenarios.scenario import Kind, Kinematics, Source
+from scenarios.scenario import MOTION_PARAMETERS, Kind, Kinematics, MotionName, Source
 from scenarios.settings import Settings
 
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
@@ -45,17 +46,53 @@ class StaticSettings(Settings):
 
 
 class ScenarioSettings(Settings):
-    """A whole scenario file; times in seconds, file names relative to the file itself."""
+    """What every scenario file says; times in seconds."""
 
     name: _Name
     purpose: _Line
     source: Source
     duration: Annotated[float, Field(gt=0, le=3600)]
+    sensor_height: Annotated[float, Field(gt=0, le=10)] = 1.73
+    parameters: dict[_Name, ParameterSettings] = Field(default_factory=dict)
+    statics: list[StaticSettings] = Field(default_factory=list)
+
+
+class SumoSettings(ScenarioSettings):
+    """A scenario file of source `sumo`; file names relative to the file itself."""
+
     warmup: Annotated[float, Field(ge=0, le=3600)]
     network: _Line
     routes: _Line
     ego: _Line
-    sensor_height: Annotated[float, Field(gt=0, le=10)] = 1.73
     kinematics: Kinematics = "smooth"
-    parameters: dict[_Name, ParameterSettings] = Field(default_factory=dict)
-    statics: list[StaticSettings] = Field(default_factory=list)
+
+
+class ClosedFormSettings(ScenarioSettings):
+    """A scenario file of source `closed-form`."""
+
+    motion: MotionName
+
+    @model_validator(mode="after")
+    def _has_the_motions_parameters(self) -> "ClosedFormSettings":
+        needed = {"x", "y", "heading", *MOTION_PARAMETERS[self.motion]}
+        if needed != set(self.parameters):
+            raise ValueError(
+                f"motion {self.motion} takes the parameters {', '.join(sorted(needed))}, found"
+                f" {', '.join(sorted(self.parameters)) or 'none'}"
+            )
+        return self
+
+
+class _SourceSettings(ScenarioSettings):
+    """A file without a known source: it is told what sources there are, and nothing else."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+def settings_of(document: Mapping[str, Any]) -> type[ScenarioSettings]:
+    """The settings that a scenario file of the document's source must be."""
+    models: dict[str, type[ScenarioSettings]] = {
+        "sumo": SumoSettings,
+        "closed-form": ClosedFormSettings,
+    }
+    return models.get(str(document.get("source")), _SourceSettings)

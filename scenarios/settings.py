@@ -4,7 +4,7 @@ Only plain YAML is accepted: no tags, no aliases (a few lines of them expand to 
 repeated keys (YAML would silently keep the last). Scenarios and detector profiles are read so.
 """
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -24,8 +24,12 @@ class Settings(BaseModel):
 AnySettings = TypeVar("AnySettings", bound=Settings)
 
 
-def read_settings(path: Path, model: type[AnySettings], error: type[ValueError]) -> AnySettings:
-    """Read and check a YAML file.
+def read_settings(
+    path: Path,
+    model_of: Callable[[Mapping[str, Any]], type[AnySettings]],
+    error: type[ValueError],
+) -> AnySettings:
+    """Read and check a YAML file; `model_of` its document says what it must be.
 
     Raises `error`, one line with the file, the key and what was expected there.
     """
@@ -33,6 +37,7 @@ def read_settings(path: Path, model: type[AnySettings], error: type[ValueError])
         document = _parse(path)
         if not isinstance(document, dict):
             raise _Problem(f"expected a mapping of keys, found {_shown(document)}")
+        model = model_of(document)
         return model.model_validate(document)
     except _Problem as problem:
         raise error(f"{path}: {problem}") from None

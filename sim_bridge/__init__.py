@@ -7,8 +7,7 @@ from sim_bridge.detect import detect
 from sim_bridge.network_check import SimulationError
 from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import ProfileError, load_profile, profile_names
-from sim_bridge.simulate import SeedRefused, simulate
-from sim_bridge.sumo import check_inputs
+from sim_bridge.simulate import SeedRefused, check_inputs, simulate
 
 __all__ = [
     "ProfileError",

@@ -106,7 +106,7 @@ def raw_motion(
     jerk = np.gradient(acceleration, step, axis=0)
     yaw_rate = np.gradient(np.unwrap(heading), step)
     yaw = np.arctan2(u[:, 1], u[:, 0])
-    return _motion(tick, centre, yaw, velocity, acceleration, jerk, yaw_rate)
+    return motion_of(tick, centre, yaw, velocity, acceleration, jerk, yaw_rate)
 
 
 def _centre(
@@ -133,10 +133,10 @@ def _centre(
     acceleration = a - half * (h2c * n - h1c**2 * u)
     jerk = j - half * ((h3c - h1c**3) * n - 3 * h1c * h2c * u)
     wrapped = np.arctan2(u[:, 1], u[:, 0])
-    return _motion(tick, centre, wrapped, velocity, acceleration, jerk, h1)
+    return motion_of(tick, centre, wrapped, velocity, acceleration, jerk, h1)
 
 
-def _motion(
+def motion_of(
     tick: IntArray,
     centre: FloatArray,
     yaw: FloatArray,
@@ -145,6 +145,7 @@ def _motion(
     jerk: FloatArray,
     yaw_rate: FloatArray,
 ) -> Motion:
+    """A motion from the centre and its derivatives, (n, 2) each."""
     return Motion(
         tick,
         x=centre[:, 0],

@@ -136,4 +136,4 @@ def load_profile(name: str | Path) -> Profile:
             known = ", ".join(profile_names())
             raise ProfileError(f"unknown detector {str(name)!r}{hint}; known detectors: {known}")
         path = _FOLDER / f"{name}.yaml"
-    return read_settings(path, Profile, ProfileError)
+    return read_settings(path, lambda _: Profile, ProfileError)

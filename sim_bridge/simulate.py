@@ -4,13 +4,16 @@ import hashlib
 import json
 import operator
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from mdkf.tables import KINDS, EgoPath, FloatArray, Trace
-from scenarios import Scenario
+from mdkf.tables import KINDS, EgoPath, FloatArray, IntArray, Trace
+from scenarios import ClosedFormScenario, Scenario, SumoScenario
+from sim_bridge import sumo
+from sim_bridge.bodies import MOTION, Body, World, static_bodies
+from sim_bridge.closed_form import closed_form_world
 from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
@@ -28,20 +31,14 @@ class SeedRefused(SimulationError):
 MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
 
-_MOTION = tuple(field.name for field in fields(Motion) if field.name != "tick")
+
 _BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """One object: its motion and what it is."""
-
-    name: str
-    kind: str
-    length: float
-    width: float
-    height: float
-    motion: Motion
+def check_inputs(scenario: Scenario) -> None:
+    """Raise `SimulationError` for inputs that no simulation can use, without simulating."""
+    if isinstance(scenario, SumoScenario):
+        sumo.check_inputs(scenario)
 
 
 def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
@@ -55,49 +52,60 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     """
     stride = _stride(scenario, dt)
     seed = operator.index(seed)
-    try:
-        recording = run_sumo(scenario, seed, margin=MARGIN)
-    except Accident as accident:
-        raise SeedRefused(f"{scenario.name}, seed {seed}: {accident}") from None
     n_frames = round(scenario.duration / dt)
-    bodies = list(_bodies(scenario, recording, stride, n_frames))
-    egos = [body for body in bodies if body.name == scenario.ego]
-    if not egos or len(egos[0].motion.tick) < n_frames:
-        raise SeedRefused(
-            f"{scenario.name}, seed {seed}: the ego vehicle {scenario.ego!r} is not on the road"
-            f" for all {scenario.duration:g} s"
-        )
+    ticks = np.arange(n_frames) * stride
+    if isinstance(scenario, ClosedFormScenario):
+        world = closed_form_world(scenario, seed, ticks)
+    else:
+        assert isinstance(scenario, SumoScenario)
+        world = _sumo_world(scenario, seed, stride, ticks)
     provenance = {
         "scenario": scenario.name,
         "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
         "identity": hashlib.sha256(scenario.identity().encode()).hexdigest(),
         "seed": str(seed),
         "source": scenario.source,
-        "simulator": recording.simulator,
-        "kinematics": scenario.kinematics,
+        "simulator": world.simulator,
+        "kinematics": getattr(scenario, "kinematics", "exact"),
     }
-    ego_motion = egos[0].motion
     ego = EgoPath.from_columns(
         {
             "frame": np.arange(n_frames),
-            "x": ego_motion.x,
-            "y": ego_motion.y,
+            "x": world.ego.motion.x,
+            "y": world.ego.motion.y,
             "z": np.full(n_frames, scenario.sensor_height),
-            "yaw": ego_motion.yaw,
+            "yaw": world.ego.motion.yaw,
         },
         n_frames=n_frames,
         dt=dt,
         provenance=provenance,
     )
+    _refuse_overlap(world, n_frames, stride, f"{scenario.name}, seed {seed}")
+    return _trace(world.others, ego, stride, provenance)
+
+
+def _sumo_world(scenario: SumoScenario, seed: int, stride: int, ticks: IntArray) -> World:
+    """What SUMO's vehicles do within the trace, smoothed."""
+    try:
+        recording = run_sumo(scenario, seed, margin=MARGIN)
+    except Accident as accident:
+        raise SeedRefused(f"{scenario.name}, seed {seed}: {accident}") from None
+    bodies = list(_bodies(scenario, recording, stride, len(ticks)))
+    egos = [body for body in bodies if body.name == scenario.ego]
+    if not egos or len(egos[0].motion.tick) < len(ticks):
+        raise SeedRefused(
+            f"{scenario.name}, seed {seed}: the ego vehicle {scenario.ego!r} is not on the road"
+            f" for all {scenario.duration:g} s"
+        )
     others = [body for body in bodies if body.name != scenario.ego]
-    _refuse_overlap(others, egos[0], n_frames, stride, f"{scenario.name}, seed {seed}")
-    return _trace(others, ego, stride, provenance)
+    return World([*others, *static_bodies(scenario.statics, ticks)], egos[0], recording.simulator)
 
 
 def _stride(scenario: Scenario, dt: float) -> int:
     """dt in integration steps."""
     # SUMO's own numbers exist only at its steps.
-    step = SUMO_STEP if scenario.kinematics == "raw" else INTEGRATION_STEP
+    raw = isinstance(scenario, SumoScenario) and scenario.kinematics == "raw"
+    step = SUMO_STEP if raw else INTEGRATION_STEP
     multiple = round(dt / step) if np.isfinite(dt) else 0
     if multiple < 1 or abs(multiple * step - dt) > 1e-9 or dt > scenario.duration:
         raise SimulationError(
@@ -107,9 +115,9 @@ def _stride(scenario: Scenario, dt: float) -> int:
 
 
 def _bodies(
-    scenario: Scenario, recording: Recording, stride: int, n_frames: int
-) -> Iterator[_Body]:
-    """Everything on the road within the trace's frames: vehicles by name, then statics."""
+    scenario: SumoScenario, recording: Recording, stride: int, n_frames: int
+) -> Iterator[Body]:
+    """SUMO's vehicles within the trace's frames, by name."""
     every = round(CONTROL_STEP / recording.step)
     per_sample = round(recording.step / INTEGRATION_STEP)
     for vehicle, name in enumerate(recording.names):
@@ -131,16 +139,10 @@ def _bodies(
         if inside.any():
             kept = Motion(*(getattr(motion, f.name)[inside] for f in fields(Motion)))
             size = (length, float(recording.width[vehicle]), float(recording.height[vehicle]))
-            yield _Body(name, recording.kinds[vehicle], *size, motion=kept)
-    ticks = np.arange(n_frames) * stride
-    for k, box in enumerate(scenario.statics):
-        still = {name: np.zeros(n_frames) for name in _MOTION}
-        still |= {name: np.full(n_frames, getattr(box, name)) for name in ("x", "y", "yaw")}
-        motion = Motion(tick=ticks, **still)
-        yield _Body(f"static {k}", box.kind, box.length, box.width, box.height, motion)
+            yield Body(name, recording.kinds[vehicle], *size, motion=kept)
 
 
-def _trace(bodies: list[_Body], ego: EgoPath, stride: int, provenance: dict[str, str]) -> Trace:
+def _trace(bodies: list[Body], ego: EgoPath, stride: int, provenance: dict[str, str]) -> Trace:
     counts = [len(body.motion.tick) for body in bodies]
 
     def each(values: list[float]) -> FloatArray:
@@ -149,7 +151,7 @@ def _trace(bodies: list[_Body], ego: EgoPath, stride: int, provenance: dict[str,
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(b.motion, name) for b in bodies] or [np.empty(0)])
 
-    columns = {name: joined(name) for name in _MOTION}
+    columns = {name: joined(name) for name in MOTION}
     columns["frame"] = joined("tick") / stride
     columns["object_id"] = each([float(k) for k in range(len(bodies))])
     columns["kind"] = each([KINDS.index(b.kind) for b in bodies])
@@ -175,11 +177,9 @@ def _trace(bodies: list[_Body], ego: EgoPath, stride: int, provenance: dict[str,
     return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
 
 
-def _refuse_overlap(
-    others: list[_Body], ego: _Body, n_frames: int, stride: int, where: str
-) -> None:
+def _refuse_overlap(world: World, n_frames: int, stride: int, where: str) -> None:
     """Raise `SeedRefused` if any two boxes, the ego vehicle's included, ever overlap."""
-    bodies = [*others, ego]
+    bodies = [*world.others, world.ego]
     counts = [len(body.motion.tick) for body in bodies]
     owner = np.repeat(np.arange(len(bodies)), counts)
     tick = np.concatenate([body.motion.tick for body in bodies])

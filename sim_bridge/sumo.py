@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios import Scenario
+from scenarios import SumoScenario
 from sim_bridge.network_check import SimulationError, check_network, check_routes
 from sim_bridge.recording import Recording
 from sim_bridge.sumo_process import REPORT, SAMPLES
@@ -33,7 +33,7 @@ class Accident(SimulationError):
 
 
 def run_sumo(
-    scenario: Scenario, seed: int, *, margin: float = 0.0, timeout: float = DEFAULT_TIMEOUT
+    scenario: SumoScenario, seed: int, *, margin: float = 0.0, timeout: float = DEFAULT_TIMEOUT
 ) -> Recording:
     """Simulate a scenario; the same scenario and seed give the same bits in any process.
 
@@ -79,13 +79,15 @@ def run_sumo(
     return recording
 
 
-def check_inputs(scenario: Scenario) -> None:
+def check_inputs(scenario: SumoScenario) -> None:
     """Raise `SimulationError` for whatever is wrong with a scenario's files before SUMO runs."""
     edges = check_network(scenario.network)
     check_routes(scenario.routes, scenario.route_xml(), edges, scenario.ego)
 
 
-def _run_child(folder: Path, request: dict[str, object], scenario: Scenario, timeout: float) -> str:
+def _run_child(
+    folder: Path, request: dict[str, object], scenario: SumoScenario, timeout: float
+) -> str:
     """Run SUMO and return what it said; `subprocess.run` kills it on Ctrl-C and on time-out."""
     request_file = folder / "request.json"
     request_file.write_text(json.dumps(request), encoding="utf-8")
@@ -121,7 +123,7 @@ def _run_child(folder: Path, request: dict[str, object], scenario: Scenario, tim
     return messages
 
 
-def _check_report(folder: Path, messages: str, scenario: Scenario, route_file: Path) -> str:
+def _check_report(folder: Path, messages: str, scenario: SumoScenario, route_file: Path) -> str:
     """Turn everything SUMO complained of into an error; return its version."""
     try:
         report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
