@@ -9,8 +9,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -27,10 +26,11 @@ from experiments import run as runs
 from experiments import terminal
 from experiments.bench.command import bench
 from experiments.occlusion import OcclusionProtocol
-from experiments.options import Json
+from experiments.options import Json, busy
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score import score as score_tracks
+from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
 
 app = typer.Typer(
@@ -175,31 +175,6 @@ def run(
         raise runs.RunFailed(results.failure)
 
 
-@app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop")
-def list_scenarios(
-    name: Annotated[str | None, typer.Argument(help="A scenario to describe.")] = None,
-    as_json: Json = False,
-) -> None:
-    """List the scenarios, or describe one: its parameters with units and bounds."""
-    chosen = _scenarios(None if name is None else [name])
-    if as_json:
-        rows = [
-            {
-                "name": scenario.name,
-                "source": scenario.source,
-                "purpose": scenario.purpose,
-                "duration": scenario.duration,
-                "parameters": [asdict(spec) for spec in scenario.parameter_specs],
-            }
-            for scenario in chosen
-        ]
-        print(json.dumps({"rows": rows}))
-    elif name is not None:
-        Console().print(terminal.parameter_table(chosen[0]))
-    else:
-        Console().print(terminal.scenario_table(chosen))
-
-
 @app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
 def simulate(
     name: Annotated[str, typer.Argument(help="A scenario's name, or its YAML file.")],
@@ -209,7 +184,7 @@ def simulate(
     dt: Annotated[float, typer.Option(help="Time between frames [s].")] = 0.1,
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
-    with _busy(f"simulating {name}"):
+    with busy(f"simulating {name}"):
         trace = sim_bridge.simulate(scenarios.load(name, **_parameters(parameters)), seed, dt)
     _write(trace, out)
 
@@ -269,6 +244,9 @@ def score(
         Console().print(terminal.score_table(summary))
 
 
+app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop --picture bus_stop.png")(
+    list_scenarios
+)
 app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
@@ -344,11 +322,6 @@ def _made(folder: Path) -> Iterator[None]:
 def _write(table: Trace | Detections | Tracks, out: Path) -> None:
     sim_bridge.write_table(table, out)
     print(f"{out}: {table!r}", file=sys.stderr)
-
-
-def _busy(what: str) -> Any:
-    console = Console(stderr=True)
-    return console.status(what) if console.is_terminal else nullcontext()
 
 
 def _fail(message: str, status: int) -> NoReturn:

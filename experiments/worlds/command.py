@@ -1,0 +1,85 @@
+"""The command `mdkf scenarios`: the catalogue, or one scenario described and drawn."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+import scenarios
+import sim_bridge
+from experiments import terminal
+from experiments.options import Json, busy
+from experiments.worlds.describe import Description, describe
+from experiments.worlds.figure import world_figure
+from sim_bridge.parquet import replacing
+
+DOTS_PER_INCH = 150
+
+
+def list_scenarios(
+    name: Annotated[
+        str | None, typer.Argument(help="A scenario's name or YAML file, to describe.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the world that is described.", min=0)] = 0,
+    picture: Annotated[
+        Path | None, typer.Option(help="PNG file to draw it into.", dir_okay=False)
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the scenarios, or describe one: parameters, objects, regimes, natural occlusions."""
+    if name is None:
+        if picture is not None:
+            raise typer.BadParameter("--picture draws one scenario: give its name")
+        catalogue = tuple(scenarios.load(known) for known in scenarios.list())
+        if as_json:
+            print(json.dumps({"rows": [_row(scenario) for scenario in catalogue]}))
+        else:
+            Console().print(terminal.scenario_table(catalogue))
+        return
+    scenario = scenarios.load(name)
+    with busy(f"simulating {scenario.name}"):
+        trace = sim_bridge.simulate(scenario, seed)
+    told = describe(trace)
+    if picture is not None:
+        with replacing(picture) as temporary:
+            world_figure(scenario, trace).savefig(temporary, format="png", dpi=DOTS_PER_INCH)
+    if as_json:
+        print(json.dumps({"rows": [{**_row(scenario), "seed": seed, **asdict(told)}]}))
+        return
+    console = Console()
+    console.print(terminal.parameter_table(scenario))
+    console.print(_table(told, seed))
+    if picture is not None:
+        print(picture)
+
+
+def _row(scenario: scenarios.Scenario) -> dict[str, Any]:
+    return {
+        "name": scenario.name,
+        "source": scenario.source,
+        "purpose": scenario.purpose,
+        "duration": scenario.duration,
+        "parameters": [asdict(spec) for spec in scenario.parameter_specs],
+    }
+
+
+def _table(told: Description, seed: int) -> Table:
+    table = Table(
+        title=f"seed {seed}, within 60 m of the sensor", title_justify="left", show_header=False
+    )
+    objects = ", ".join(f"{count} {kind}" for kind, count in told.objects.items()) or "none"
+    regimes = [f"{share:.0%} {name.replace('_', ' ')}" for name, share in told.regimes.items()]
+    hidden = [f"{count} of {length}" for length, count in told.occlusions.items() if count]
+    for key, value in (
+        ("objects", f"{objects}; {told.standing} never move"),
+        ("regimes, of the frames seen", ", ".join(regimes) or "none"),
+        ("turning", f"{told.turning:.0%}"),
+        ("occlusions, by frames", ", ".join(hidden) or "none"),
+    ):
+        table.add_row(escape(key), escape(value))
+    return table

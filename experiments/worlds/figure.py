@@ -1,0 +1,115 @@
+"""A world from above: the lanes, every path coloured by regime, what hides, and the sensor."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from experiments.population import SCORED_RANGE, SCORED_VISIBLE
+from mdkf.tables import REGIMES, BoolArray, FloatArray, Trace
+from scenarios import Scenario, SumoScenario
+
+REGIME_COLOURS = {
+    "stationary": "#c62828",
+    "constant_velocity": "#2e7d32",
+    "constant_acceleration": "#1565c0",
+    "changing_acceleration": "#ef6c00",
+    "unknown": "#616161",
+}
+_TALL = 2.0
+"""Height from which a box hides a car [m]."""
+
+
+def world_figure(scenario: Scenario, trace: Trace) -> Figure:
+    """All paths within range of the sensor, and the frame in which most objects are hidden."""
+    near = trace.sensor_distance() <= SCORED_RANGE
+    hidden = near & (trace.visible < SCORED_VISIBLE)
+    frame = int(np.argmax(np.bincount(trace.frame[hidden], minlength=trace.n_frames)))
+    ego = trace.ego
+    figure = Figure(figsize=(10, 10), layout="constrained")
+    above, snapshot = figure.subplots(2, 1, height_ratios=(1, 1.1))
+    lanes = _lanes(scenario) if isinstance(scenario, SumoScenario) else []
+    for axes in (above, snapshot):
+        axes.add_collection(LineCollection(lanes, colors="#e4e4e4", linewidths=3, zorder=0))
+        axes.plot(ego.x, ego.y, color="black", linewidth=1.2, linestyle="--", zorder=3)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal")
+    _paths(above, trace, near)
+    for values, set_limits in ((ego.x, above.set_xlim), (ego.y, above.set_ylim)):
+        set_limits(values.min() - SCORED_RANGE, values.max() + SCORED_RANGE)
+    above.set_title(
+        f"{scenario.name}, seed {trace.provenance['seed']}: {trace.n_frames * trace.dt:g} s,"
+        f" within {SCORED_RANGE:g} m of the sensor"
+    )
+    _legend(above, trace)
+    _boxes(snapshot, trace, frame, hidden)
+    x, y = ego.x[frame], ego.y[frame]
+    snapshot.plot([x], [y], "k^", markersize=9, zorder=5)
+    snapshot.set(xlim=(x - SCORED_RANGE, x + SCORED_RANGE), ylim=(y - 35.0, y + 35.0))
+    snapshot.set_title(
+        f"at {frame * trace.dt:.1f} s {int(hidden[trace.frame_rows(frame)].sum())} objects are less"
+        f" than {SCORED_VISIBLE:.0%} visible (red); dark: {_TALL:g} m or taller; triangle: sensor"
+    )
+    return figure
+
+
+def _lanes(scenario: SumoScenario) -> list[FloatArray]:
+    """Middle lines of the network's lanes, (points, 2) each [m]."""
+    root = ElementTree.parse(scenario.network).getroot()
+    shapes = (lane.get("shape", "") for lane in root.iter("lane"))
+    return [
+        np.array([point.split(",")[:2] for point in shape.split()], dtype=np.float64)
+        for shape in shapes
+        if shape
+    ]
+
+
+def _paths(axes: Axes, trace: Trace, near: BoolArray) -> None:
+    """A segment for each two consecutive frames of an object in range, thin where it is hidden;
+    a dot where it stands."""
+    order = np.lexsort((trace.frame, trace.object_id))
+    a, b = order[:-1], order[1:]
+    joined = (trace.object_id[a] == trace.object_id[b]) & (trace.frame[b] - trace.frame[a] == 1)
+    joined &= near[a] & near[b]
+    a, b = a[joined], b[joined]
+    ends = [np.column_stack([trace.x[rows], trace.y[rows]]) for rows in (a, b)]
+    colours = np.array([REGIME_COLOURS[name] for name in REGIMES])
+    widths = np.where(trace.visible[a] >= SCORED_VISIBLE, 1.8, 0.5)
+    segments = list(np.stack(ends, axis=1))
+    paths = LineCollection(
+        segments, colors=list(colours[trace.regime[a]]), linewidths=widths, zorder=2
+    )
+    axes.add_collection(paths)
+    stands = near & (trace.regime == REGIMES.index("stationary"))
+    colour = REGIME_COLOURS["stationary"]
+    axes.plot(trace.x[stands], trace.y[stands], ".", color=colour, markersize=4, zorder=2)
+
+
+def _boxes(axes: Axes, trace: Trace, frame: int, hidden: BoolArray) -> None:
+    rows = trace.frame_rows(frame)
+    size = np.column_stack([trace.length[rows], trace.width[rows]]) / 2
+    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * size[:, None, :]
+    cosine, sine = np.cos(trace.yaw[rows])[:, None], np.sin(trace.yaw[rows])[:, None]
+    x = corners[..., 0] * cosine - corners[..., 1] * sine + trace.x[rows][:, None]
+    y = corners[..., 0] * sine + corners[..., 1] * cosine + trace.y[rows][:, None]
+    faces = np.where(trace.height[rows] >= _TALL, "#455a64", "#b0bec5")
+    faces = np.where(hidden[rows], "#ef5350", faces)
+    outlines = list(np.stack([x, y], axis=-1))
+    boxes = PolyCollection(
+        outlines, facecolors=list(faces), edgecolors="#263238", linewidths=0.5, zorder=3
+    )
+    axes.add_collection(boxes)
+
+
+def _legend(axes: Axes, trace: Trace) -> None:
+    present = [name for code, name in enumerate(REGIMES) if (trace.regime == code).any()]
+    handles = [
+        Line2D([], [], color=REGIME_COLOURS[name], linewidth=2, label=name.replace("_", " "))
+        for name in present
+    ]
+    handles.append(Line2D([], [], color="#616161", linewidth=0.5, label="thin: hidden"))
+    handles.append(Line2D([], [], color="black", linestyle="--", label="the sensor's path"))
+    axes.legend(handles=handles, fontsize=8, loc="upper left", ncols=3)

@@ -1,0 +1,108 @@
+"""Claim: `mdkf scenarios NAME` tells what happens in a world, and draws it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scenarios
+import sim_bridge
+from experiments.worlds.describe import describe, occlusion_lengths
+from experiments.worlds.figure import world_figure
+from mdkf import REGIMES, Trace
+from tests.experiments.commands import Mdkf, assert_refused
+
+
+def world(visible: list[float], distance: float = 20.0) -> Trace:
+    """One standing car whose visible fraction goes as given, frame by frame."""
+    n = len(visible)
+    scenario = scenarios.load("stationary", x=distance, y=5.0)
+    trace = sim_bridge.simulate(scenario, 0)
+    kept = trace.take(trace.frame < n)
+    columns = {**kept.columns(), "visible": np.array(visible)}
+    common = {"n_frames": trace.n_frames, "dt": trace.dt, "ego": trace.ego}
+    return Trace.from_columns(columns, **common, provenance=trace.provenance)
+
+
+@pytest.mark.parametrize(
+    ("visible", "lengths"),
+    [
+        ([1, 1, 1], []),
+        ([1, 0, 0, 1], [2]),
+        ([1, 0.1, 0.14, 0.15, 0.0, 1], [2, 1]),
+        ([0, 0, 1, 0, 1, 0], [1]),  # hidden at first and at last: not seen before, or after
+        ([0, 0, 0], []),
+    ],
+)
+def test_an_occlusion_is_between_two_sights(visible: list[float], lengths: list[int]) -> None:
+    """Runs below 15 %, seen in the frame before and in the frame after."""
+    trace = world(visible)
+    near = np.ones(len(trace), dtype=np.bool_)
+    assert occlusion_lengths(trace, near, trace.visible >= 0.15) == lengths
+
+
+def test_what_is_out_of_range_is_no_occlusion() -> None:
+    """A car 80 m away is not told of at all."""
+    told = describe(world([1, 0, 0, 1], distance=80.0))
+    assert told.objects == {}
+    assert not any(told.occlusions.values())
+    assert told.regimes == {}
+
+
+def test_lengths_are_classed() -> None:
+    """1 to 5, 6 to 10, 11 to 20, 21 to 50 frames, and more."""
+    visible = [1.0]
+    for length in (1, 5, 6, 20, 21, 51):
+        visible += [0.0] * length + [1.0]
+    assert describe(world(visible)).occlusions == {
+        "1-5": 2,
+        "6-10": 1,
+        "11-20": 1,
+        "21-50": 1,
+        "over 50": 1,
+    }
+
+
+def test_shares_are_those_of_the_seen_frames() -> None:
+    """Brake to standstill: the regimes' shares sum to one and stand for the rows."""
+    trace = sim_bridge.simulate(scenarios.load("brake_to_standstill"), 0)
+    told = describe(trace)
+    assert told.objects == {"car": 1}
+    assert told.standing == 0
+    assert sum(told.regimes.values()) == pytest.approx(1.0)
+    standing = float((trace.regime == REGIMES.index("stationary")).mean())
+    assert told.regimes["stationary"] == pytest.approx(standing)
+
+
+def test_the_picture_shows_every_regime() -> None:
+    """Its legend names those that occur, its axes have units."""
+    scenario = scenarios.load("pull_away")
+    trace = sim_bridge.simulate(scenario, 0)
+    above, snapshot = world_figure(scenario, trace).axes
+    legend = above.get_legend()
+    assert legend is not None
+    names = {text.get_text() for text in legend.get_texts()}
+    assert {REGIMES[code].replace("_", " ") for code in set(trace.regime.tolist())} <= names
+    for axes in (above, snapshot):
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_the_command_describes_and_draws(mdkf_command: Mdkf, tmp_path: Path) -> None:
+    """A table, a JSON document, a PNG file."""
+    picture = tmp_path / "pull_away.png"
+    answer = mdkf_command("scenarios", "pull_away", "--picture", str(picture))
+    assert answer.status == 0
+    assert "1 car" in answer.out
+    assert "stationary" in answer.out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    (row,) = json.loads(mdkf_command("scenarios", "pull_away", "--seed", "3", "--json").out)["rows"]
+    assert row["seed"] == 3
+    assert row["objects"] == {"car": 1}
+    assert row["source"] == "closed-form"
+
+
+def test_a_picture_needs_a_name(mdkf_command: Mdkf, tmp_path: Path) -> None:
+    """The catalogue itself cannot be drawn."""
+    picture = tmp_path / "all.png"
+    assert_refused(mdkf_command("scenarios", "--picture", str(picture)), tmp_path, "--picture")
