@@ -181,7 +181,7 @@ def simulate(
     out: OutFile,
     seed: Seed = 0,
     parameters: Setting = None,
-    dt: Annotated[float, typer.Option(help="Time between frames [s].")] = 0.1,
+    dt: Annotated[float, typer.Option(help="Time between frames in seconds.")] = 0.1,
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
     with busy(f"simulating {name}"):

@@ -40,7 +40,7 @@ def paper(
         typer.Option(
             metavar="NAME|SIGMA",
             help="Measurement noise, known to the filters: a detector's, or a standard deviation"
-            f" [m]; repeatable or comma-separated. {','.join(NOISES)} if not given.",
+            f" in metres; repeatable or comma-separated. {','.join(NOISES)} if not given.",
         ),
     ] = None,
     filters: Annotated[
