@@ -1,20 +1,26 @@
 """Simulators and sensors: `simulate` makes a trace of a scenario, `detect` detections of a trace.
 
-`read_table` and `write_table` carry the tables to Parquet files and back.
+`kitti_trace` and `kitti_detections` read recorded KITTI data into the same tables; `read_table` and
+`write_table` carry the tables to Parquet files and back.
 """
 
 from sim_bridge.detect import detect
+from sim_bridge.kitti import kitti_detections, kitti_trace
+from sim_bridge.kitti_files import KittiError
 from sim_bridge.network_check import SimulationError
 from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import ProfileError, load_profile, profile_names
 from sim_bridge.simulate import SeedRefused, check_inputs, simulate
 
 __all__ = [
+    "KittiError",
     "ProfileError",
     "SeedRefused",
     "SimulationError",
     "check_inputs",
     "detect",
+    "kitti_detections",
+    "kitti_trace",
     "load_profile",
     "profile_names",
     "read_table",

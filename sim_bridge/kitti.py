@@ -1,0 +1,239 @@
+"""Recorded KITTI tracking data into the tables that simulations give: a trace, and detections.
+
+A box's centre and the direction in which it looks, both in the axes of the camera of frame k
+(x right, y down, z forward), become with the calibration C (camera -> LiDAR) and the pose R_k, t_k
+
+    p_world = R_k (C p_camera) + t_k + (0, 0, SENSOR_HEIGHT),   p_camera = bottom - (0, h / 2, 0)
+    yaw = atan2(y, x) of R_k (C d_camera) without C's shift,    d_camera = (cos ry, 0, -sin ry)
+
+The world has the LiDAR's axes in frame 0 (x forward, y left, z up), with the ground under it at
+z = 0 as in every simulated trace. Boxes stand upright: how the road tilts them is dropped.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from mdkf.tables import (
+    CLUTTER,
+    KINDS,
+    UNKNOWN_REGIME,
+    Detections,
+    EgoPath,
+    FloatArray,
+    IntArray,
+    Trace,
+)
+from sim_bridge.kitti_files import (
+    CameraBoxes,
+    KittiError,
+    read_bytes,
+    read_calibration,
+    read_detections,
+    read_labels,
+    read_poses,
+    read_sequences,
+)
+from sim_bridge.line_of_sight import CONTACT, visible_fractions
+
+SENSOR_HEIGHT = 1.73
+"""Height of KITTI's LiDAR above the road [m] (Geiger et al., 2013): the cameras are at 1.65 m, and
+by the calibration the LiDAR is 0.08 m above them."""
+
+GATE = 2.0
+"""Distance on the ground at which a detection no longer belongs to a label [m]."""
+
+_DERIVATIVES = ("vx", "vy", "ax", "ay", "jx", "jy", "yaw_rate")
+
+
+def kitti_trace(root: str | Path, sequence: str, dt: float = 0.1) -> Trace:
+    """The labelled cars and vans of a recorded sequence, and the path of the LiDAR.
+
+    root: the folder with `label_02`, `calib`, `pose` and the list of sequences; sequence: a name
+    such as "0001"; dt: time between frames [s]. Objects have KITTI's track ids. Positions are
+    human labels, not exact truth: derivatives are NaN and the regime is `unknown`. `visible` is
+    computed as for simulated traces, exact for the labelled boxes; what has no label (houses,
+    trucks, the edge of the picture) hides nothing.
+
+    Raises `KittiError` for an unknown sequence and for missing or malformed files, `TableError`
+    for a `dt` that is no time.
+    """
+    root = Path(root)
+    n_frames = _n_frames(root, sequence)
+    path = _file(root, "label_02", sequence)
+    labels = read_labels(path, n_frames)
+    rig = _Rig.read(root, sequence, n_frames)
+    provenance = {
+        "scenario": f"kitti-{sequence}",
+        "identity": _identity(root, sequence),
+        "source": "kitti",
+        "simulator": "recorded",
+        "kinematics": "labels",
+    }
+    ego = EgoPath.from_columns(
+        {"frame": np.arange(n_frames), **rig.lidar()},
+        n_frames=n_frames,
+        dt=dt,
+        provenance=provenance,
+    )
+    n = len(labels.line)
+    columns: dict[str, Any] = {
+        "frame": labels.frame,
+        "object_id": labels.last,
+        "kind": np.array([KINDS.index(name.lower()) for name in labels.name], dtype=np.uint8),
+        **rig.world_boxes(labels),
+        **{name: np.full(n, np.nan) for name in _DERIVATIVES},
+        "regime": np.full(n, UNKNOWN_REGIME),
+        "turning": np.zeros(n),
+    }
+    _refuse_sensor_inside(path, labels, columns, ego)
+    common: dict[str, Any] = {"n_frames": n_frames, "dt": dt, "ego": ego, "provenance": provenance}
+    hidden = Trace.from_columns({**columns, "visible": np.zeros(n)}, **common)
+    boxes = ("x", "y", "z", "yaw", "length", "width", "height")
+    visible = visible_fractions(
+        np.column_stack([ego.x, ego.y, ego.z]),
+        hidden.frame_start,
+        np.column_stack([getattr(hidden, name) for name in boxes]),
+    )
+    return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
+
+
+def kitti_detections(root: str | Path, detector: str, sequence: str, dt: float = 0.1) -> Detections:
+    """The recorded detections of a sequence, in the world frame of its trace.
+
+    detector: the name of a folder in `detections`; root, sequence and dt as for `kitti_trace`.
+    `source` is the track id of the label that the box belongs to, `CLUTTER` for none: in each
+    frame one to one, so that the sum of 1 - d / `GATE` over the pairs nearer than `GATE` on the
+    ground is greatest. Scores are the detector's raw ones.
+
+    Raises `KittiError` as `kitti_trace`, and for an unknown detector.
+    """
+    root = Path(root)
+    trace = kitti_trace(root, sequence, dt)
+    folder = root / "detections"
+    known = sorted(path.name for path in folder.glob("*") if path.is_dir())
+    if detector not in known:
+        raise KittiError(
+            f"{folder}: unknown detector {detector[:40]!r}; known: {', '.join(known) or 'none'}"
+        )
+    path = folder / detector / f"{sequence}.txt"
+    found = read_detections(path, trace.n_frames)
+    boxes = _Rig.read(root, sequence, trace.n_frames).world_boxes(found)
+    return Detections.from_columns(
+        {
+            "frame": found.frame,
+            **boxes,
+            "score": found.last,
+            "source": _sources(found.frame, np.column_stack([boxes["x"], boxes["y"]]), trace),
+        },
+        n_frames=trace.n_frames,
+        dt=dt,
+        provenance={
+            **trace.provenance,
+            "detector": detector,
+            "detections": hashlib.sha256(read_bytes(path)).hexdigest(),
+            "trace": trace.content_hash(),
+        },
+    )
+
+
+def _n_frames(root: Path, sequence: str) -> int:
+    known = read_sequences(root)
+    if sequence not in known:
+        raise KittiError(
+            f"{root}: unknown sequence {sequence[:40]!r}; known: {', '.join(known) or 'none'}"
+        )
+    return known[sequence]
+
+
+def _file(root: Path, folder: str, sequence: str) -> Path:
+    return root / folder / f"{sequence}.txt"
+
+
+def _identity(root: Path, sequence: str) -> str:
+    """SHA-256 of the sequence's name and of the files that its trace is made of."""
+    digest = hashlib.sha256(sequence.encode())
+    for folder in ("label_02", "calib", "pose"):
+        digest.update(hashlib.sha256(read_bytes(_file(root, folder, sequence))).digest())
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class _Rig:
+    """Where LiDAR and camera are: camera (4, 4) camera -> LiDAR, and in each frame the LiDAR's
+    rotation (n_frames, 3, 3) and position (n_frames, 3) [m] in the world."""
+
+    camera: FloatArray
+    rotation: FloatArray
+    position: FloatArray
+
+    @staticmethod
+    def read(root: Path, sequence: str, n_frames: int) -> "_Rig":
+        camera = read_calibration(_file(root, "calib", sequence))
+        rotation, translation = read_poses(_file(root, "pose", sequence), n_frames)
+        return _Rig(camera, rotation, translation + np.array([0.0, 0.0, SENSOR_HEIGHT]))
+
+    def lidar(self) -> dict[str, FloatArray]:
+        """The LiDAR's x, y, z [m] and yaw [rad] in every frame, each (n_frames,)."""
+        yaw = _yaw(self.rotation[:, :, 0])
+        return {**dict(zip("xyz", self.position.T, strict=True)), "yaw": yaw}
+
+    def world_boxes(self, boxes: CameraBoxes) -> dict[str, FloatArray]:
+        """Centres x, y, z [m], yaw [rad] and sizes [m] of boxes in the world, each (n,)."""
+        centre = boxes.bottom.copy()
+        centre[:, 1] -= boxes.height / 2
+        zero = np.zeros(len(boxes.ry))
+        ahead = np.column_stack([np.cos(boxes.ry), zero, -np.sin(boxes.ry)])
+        rotation = self.rotation[boxes.frame]
+        by_lidar = centre @ self.camera[:3, :3].T + self.camera[:3, 3]
+        position = np.einsum("nij,nj->ni", rotation, by_lidar) + self.position[boxes.frame]
+        direction = np.einsum("nij,nj->ni", rotation, ahead @ self.camera[:3, :3].T)
+        return {
+            **dict(zip("xyz", position.T, strict=True)),
+            "yaw": _yaw(direction),
+            "length": boxes.length,
+            "width": boxes.width,
+            "height": boxes.height,
+        }
+
+
+def _yaw(direction: FloatArray) -> FloatArray:
+    """Angle (n,) on the ground of directions (n, 3), in (-pi, pi]."""
+    yaw = np.arctan2(direction[:, 1], direction[:, 0])
+    return np.where(yaw == -np.pi, np.pi, yaw)
+
+
+def _refuse_sensor_inside(
+    path: Path, labels: CameraBoxes, boxes: dict[str, Any], ego: EgoPath
+) -> None:
+    """Raise at the first label whose footprint holds the sensor: nothing could be seen of it."""
+    dx, dy = ego.x[labels.frame] - boxes["x"], ego.y[labels.frame] - boxes["y"]
+    cosine, sine = np.cos(boxes["yaw"]), np.sin(boxes["yaw"])
+    along = np.abs(cosine * dx + sine * dy) - labels.length / 2
+    across = np.abs(cosine * dy - sine * dx) - labels.width / 2
+    inside = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) <= CONTACT
+    if inside.any():
+        row = int(np.argmax(inside))
+        raise KittiError(
+            f"{path}: line {labels.line[row]}: the box holds the LiDAR that sees it in frame"
+            f" {labels.frame[row]}"
+        )
+
+
+def _sources(frame: IntArray, place: FloatArray, trace: Trace) -> IntArray:
+    """Track ids (n,), or `CLUTTER`, of detections at place (n, 2) [m]; frames ascend."""
+    sources = np.full(len(frame), CLUTTER, dtype=np.int64)
+    starts = np.searchsorted(frame, np.arange(trace.n_frames + 1))
+    labelled = np.column_stack([trace.x, trace.y])
+    for k in range(trace.n_frames):
+        mine, rows = slice(starts[k], starts[k + 1]), trace.frame_rows(k)
+        apart = place[mine, None] - labelled[None, rows]
+        nearness = np.maximum(1.0 - np.hypot(apart[..., 0], apart[..., 1]) / GATE, 0.0)
+        a, b = linear_sum_assignment(nearness, maximize=True)
+        near = nearness[a, b] > 0.0
+        sources[starts[k] + a[near]] = trace.object_id[rows][b[near]]
+    return sources
