@@ -1,0 +1,116 @@
+"""Claims about what happens in single scenarios of the catalogue: each shows what it promises.
+
+Seen from the sensor, in the truth alone; nothing is detected or tracked here.
+"""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import scenarios
+from mdkf.tables import KINDS, FloatArray, Trace
+from sim_bridge import simulate
+from sim_bridge.line_of_sight import visible_fractions
+from tests.sim_bridge.worlds import world
+
+SECOND = 10  # frames
+LIDAR_RANGE = 72.0  # m
+HIDDEN, SEEN = 0.2, 0.5  # visible fractions
+VAN = KINDS.index("van")
+
+
+def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """First and last + 1 of each run of True (n, 2)."""
+    steps = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int64))
+    return np.column_stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)])
+
+
+def speed_of(trace: Trace) -> FloatArray:
+    return np.hypot(trace.vx, trace.vy)
+
+
+def without(trace: Trace, dropped: NDArray[np.bool_]) -> tuple[Trace, FloatArray]:
+    """The other rows, and what of them would be visible if those dropped were not there."""
+    rest = trace.take(~dropped)
+    names = ("x", "y", "z", "yaw", "length", "width", "height")
+    sensor = np.column_stack([trace.ego.x, trace.ego.y, trace.ego.z])
+    boxes = np.column_stack([getattr(rest, name) for name in names])
+    return rest, visible_fractions(sensor, rest.frame_start, boxes)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int) -> None:
+    """In parked_row vans on the road hide ten or more parked cars for a second or more each; two or
+    more of these cars had been in view for a second before, and come into view again."""
+    scenario = scenarios.load("parked_row")
+    trace = simulate(scenario, seed)
+    parked = trace.object_id >= trace.ids()[-len(scenario.statics)]
+    rest, bare = without(trace, (trace.kind == VAN) & ~parked)
+    distance = rest.sensor_distance()
+    assert (speed_of(rest)[np.isin(rest.object_id, trace.object_id[parked])] == 0.0).all()
+    hidden = again = 0
+    for car in np.intersect1d(rest.ids(), trace.object_id[parked]):
+        rows = rest.rows_of(int(car))
+        seen = rest.visible[rows] > SEEN
+        for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
+            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
+                hidden += 1
+                again += seen[:start].sum() >= SECOND and seen[stop:].any()
+    assert hidden >= 10
+    assert again >= 2
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_off_scene_loses_cars_that_turn_off(seed: int) -> None:
+    """In off_scene three or more vehicles turn off after 3.5 s in view and are then out of it for
+    good, on the road for another second or more; the ego car meanwhile drives on."""
+    trace = simulate(scenarios.load("off_scene"), seed)
+    in_view = (trace.visible > HIDDEN) & (trace.sensor_distance() < LIDAR_RANGE)
+    lost = 0
+    for vehicle in trace.ids():
+        rows = trace.rows_of(int(vehicle))
+        seen = np.flatnonzero(in_view[rows])
+        if len(seen) < 3.5 * SECOND or not trace.turning[rows].any():
+            continue
+        lost += len(trace.frame[rows]) - 1 - seen[-1] >= SECOND
+    assert lost >= 3
+    assert np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)).sum() > 300.0
+
+
+@pytest.mark.parametrize("braking", [5.0, 7.0])
+def test_emergency_braking_is_as_hard_as_its_parameter_says(braking: float) -> None:
+    """In emergency_braking the hardest deceleration is that of the leaders, up to smoothing."""
+    trace = simulate(scenarios.load("emergency_braking", braking=braking), 0)
+    assert abs(hardest_braking(trace) - braking) < 0.3
+
+
+def hardest_braking(trace: Trace) -> float:
+    """Largest deceleration along the path [m/s2]."""
+    moving = speed_of(trace) > 1.0
+    v, a = (np.column_stack([getattr(trace, f"{c}{k}")[moving] for k in "xy"]) for c in "va")
+    return float(-((v * a).sum(axis=1) / np.hypot(*v.T)).min())
+
+
+def test_emergency_braking_stops_two_platoons_which_drive_on() -> None:
+    """The leaders stop at their place; all behind them, ten or more vehicles and the ego car, come
+    to stand and drive on."""
+    scenario = scenarios.load("emergency_braking")
+    trace = world("emergency_braking")
+    speed = speed_of(trace)
+    fronts, halted = [], 0
+    for vehicle in trace.ids():
+        rows = trace.rows_of(int(vehicle))
+        stands = runs(speed[rows] == 0.0)
+        if not len(stands):
+            continue
+        start, stop = stands[0]
+        halted += speed[rows][:start].max() > 8.0 and speed[rows][stop:].max(initial=0.0) > 8.0
+        fronts.append((trace.x + trace.length / 2)[rows][start])
+    assert halted >= 10
+    # One leader on each of two lanes; everybody else stands behind them.
+    np.testing.assert_allclose(np.sort(fronts)[-2:], scenario.parameters["place"], atol=1.0)
+    ego = np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y))
+    (first, *_) = runs(ego == 0.0)
+    assert first[1] - first[0] > SECOND
+    assert ego[: first[0]].max() > 0.8
+    assert ego[first[1] :].max() > 0.8
