@@ -65,7 +65,7 @@ def visible_fraction(sensor: ArrayLike, boxes: ArrayLike) -> Floats:
     position = np.ascontiguousarray(sensor, dtype=np.float64)
     if position.shape != (3,):
         raise ValueError(f"sensor: expected shape (3,), got {position.shape}")
-    table = _checked_boxes(boxes)
+    table = checked_boxes(boxes)
     return _fractions(position[None], np.array([0, len(table)], dtype=np.int64), table)
 
 
@@ -86,7 +86,7 @@ def visible_fractions(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLik
     positions = np.ascontiguousarray(sensor, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise ValueError(f"sensor: expected shape (n_frames, 3), got {positions.shape}")
-    table = _checked_boxes(boxes)
+    table = checked_boxes(boxes)
     offsets = np.asarray(frame_start)
     if (
         offsets.shape != (len(positions) + 1,)
@@ -101,7 +101,8 @@ def visible_fractions(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLik
     return _fractions(positions, offsets.astype(np.int64), table)
 
 
-def _checked_boxes(boxes: ArrayLike) -> Floats:
+def checked_boxes(boxes: ArrayLike) -> Floats:
+    """Boxes (n, 7) as a contiguous table; `ValueError` names the row that is no box."""
     table = np.ascontiguousarray(boxes, dtype=np.float64)
     if table.size == 0 and table.ndim <= 2:
         table = table.reshape(0, BOX_COLUMNS)

@@ -1,4 +1,4 @@
-"""The exact visible fractions of many boxes, frame by frame."""
+"""What a sensor sees of many boxes, frame by frame: visible fractions and LiDAR returns."""
 
 import math
 
@@ -8,6 +8,7 @@ from experiments.bench.measure import Block, Case
 from experiments.bench.plan import Plan
 from mdkf.tables import FloatArray
 from sim_bridge.line_of_sight import visible_fractions
+from sim_bridge.point_count import point_counts
 from sim_bridge.randomness import stream
 
 WHAT = "line-of-sight"
@@ -19,22 +20,29 @@ CELL = 8.0
 
 
 def blocks(plan: Plan) -> list[Block]:
-    """One block of one case."""
+    """One block: the exact sweep beside the z-buffer that counts a LiDAR's returns."""
     boxes = np.concatenate([scene(plan.boxes, frame) for frame in range(FRAMES)])
     sensor = np.tile(SENSOR, (FRAMES, 1))
     start = plan.boxes * np.arange(FRAMES + 1)
-    case = Case(
-        WHAT,
-        "visible fractions",
-        "kernel",
-        plan.boxes,
-        FRAMES,
-        "us per frame",
-        1e6,
-        prepare=lambda: None,
-        run=lambda _: visible_fractions(sensor, start, boxes),
-    )
-    return [Block((case,))]
+    ways = {
+        "visible fractions": lambda: visible_fractions(sensor, start, boxes),
+        "LiDAR returns": lambda: point_counts(sensor, start, boxes),
+    }
+    cases = [
+        Case(
+            WHAT,
+            name,
+            "kernel",
+            plan.boxes,
+            FRAMES,
+            "us per frame",
+            1e6,
+            prepare=lambda: None,
+            run=lambda _, way=way: way(),
+        )
+        for name, way in ways.items()
+    ]
+    return [Block(tuple(cases))]
 
 
 def scene(n: int, frame: int) -> FloatArray:

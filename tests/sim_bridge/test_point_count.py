@@ -1,0 +1,441 @@
+"""Point counts are exact: checked against casting every beam at every box in three dimensions.
+
+The reference clips beams by the three slabs of each box in the box's own frame; it knows no wall
+equations, no sweep, no cells of slopes and no order of boxes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sim_bridge.line_of_sight import visible_fractions
+from sim_bridge.point_count import HDL_64E, Lidar, point_counts
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROOF_SENSOR = (0.0, 0.0, 1.73)  # [m] KITTI's LiDAR height
+CAR = (4.5, 1.8, 1.5)  # length, width, height [m]
+BUS = (12.0, 2.5, 3.0)
+COARSE = Lidar(rays=720, beams=33)
+LEVEL = Lidar(lowest=-0.2, highest=0.2)
+
+
+def on_ground(x: float, y: float, yaw: float, size: tuple[float, float, float]) -> list[float]:
+    return [x, y, size[2] / 2, yaw, *size]
+
+
+def one_frame(sensor: object, boxes: object, lidar: Lidar = HDL_64E) -> Ints:
+    table = np.array(boxes, dtype=float).reshape(-1, 7)
+    return point_counts(np.array([sensor]), [0, len(table)], table, lidar)
+
+
+# --- reference ------------------------------------------------------------------------------
+
+
+def clip(sensor: Floats, box: Floats, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+    """Where rays along x, y, z enter and leave a box, in lengths of the ray (inf, -inf: never)."""
+    c, s = np.cos(box[3]), np.sin(box[3])
+    offset = np.asarray(sensor) - box[:3]
+    origin = (c * offset[0] + s * offset[1], c * offset[1] - s * offset[0], offset[2])
+    enter, leave = np.zeros(np.broadcast(x, z).shape), np.full(np.broadcast(x, z).shape, np.inf)
+    for o, h, half in zip(origin, (c * x + s * y, c * y - s * x, z), box[4:7] / 2, strict=True):
+        h = np.where(np.abs(h) < 1e-200, 1e-200, h)
+        t1, t2 = (-half - o) / h, (half - o) / h
+        enter, leave = np.maximum(enter, np.minimum(t1, t2)), np.minimum(leave, np.maximum(t1, t2))
+    hit = (leave > enter) & (leave > 0.0)
+    return np.where(hit, enter, np.inf), np.where(hit, leave, -np.inf)
+
+
+def cast_counts(
+    sensor: Floats, boxes: Floats, lidar: Lidar = COARSE, by_footprint: bool = False
+) -> Ints:
+    """Returns of every box, every beam of every ray cast at every box.
+
+    Boxes that overlap have no first one by themselves; `by_footprint` takes the one whose
+    footprint the ray enters first.
+    """
+    step = math.tau / lidar.rays
+    azimuth = (-math.pi + step / 2 + step * np.arange(lidar.rays))[:, None]
+    slope = np.tan(np.linspace(lidar.lowest, lidar.highest, lidar.beams))[None, :]
+    x, y = np.cos(azimuth), np.sin(azimuth)  # of length 1 on the ground
+    nearest = np.full((lidar.rays, lidar.beams), np.inf)
+    owner = np.full(nearest.shape, -1)
+    for i, box in enumerate(boxes):
+        enter, _ = clip(sensor, box, x, y, slope)
+        tall = box.copy()
+        tall[6] = 1e12
+        foot, _ = clip(sensor, tall, x, y, np.zeros((1, 1)))
+        enter = np.where(foot > lidar.max_range, np.inf, enter)
+        if by_footprint:
+            enter = np.where(np.isfinite(enter), foot, np.inf)
+        owner = np.where(enter < nearest, i, owner)
+        nearest = np.minimum(enter, nearest)
+    return np.array([np.count_nonzero(owner == i) for i in range(len(boxes))])
+
+
+def corners(box: Floats) -> Floats:
+    c, s = np.cos(box[3]), np.sin(box[3])
+    signs = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+    placed: Floats = box[:2] + (signs * box[4:6] / 2) @ np.array([(c, s), (-s, c)])
+    return placed
+
+
+def apart(a: Floats, b: Floats) -> bool:
+    for axis in (a[3], a[3] + math.pi / 2, b[3], b[3] + math.pi / 2):
+        direction = np.array([math.cos(axis), math.sin(axis)])
+        p, q = corners(a) @ direction, corners(b) @ direction
+        if p.max() < q.min() or q.max() < p.min():
+            return True
+    return False
+
+
+def scene(seed: int, n: int, extent: float = 25.0, floating: bool = True) -> tuple[Floats, Floats]:
+    """A sensor and up to n boxes that do not overlap, from kerbs to walls, near and far."""
+    rng = np.random.default_rng(seed)
+    sensor = np.array([*rng.uniform(-50.0, 50.0, 2), rng.uniform(-1.0, 5.0)])
+    point = np.array([*sensor[:2], 0.0, 0.0, 1e-3, 1e-3, 1.0])
+    boxes: list[Floats] = []
+    for _ in range(n):
+        size = rng.uniform((0.3, 0.3, 0.2), (14.0, 3.0, 4.0))
+        z = size[2] / 2 + (rng.uniform(0.0, 2.0) if floating and rng.random() < 0.3 else 0.0)
+        place = sensor[:2] + rng.uniform(-extent, extent, 2)
+        box = np.array([*place, z, rng.uniform(-7.0, 7.0), *size])
+        if all(apart(box, other) for other in (point, *boxes)):
+            boxes.append(box)
+    return sensor, np.array(boxes).reshape(-1, 7)
+
+
+def street(seed: int, n: int, height: float) -> tuple[Floats, Floats]:
+    """Cars, buses and people on the ground around a sensor 1.73 m or less above it."""
+    rng = np.random.default_rng(seed)
+    kinds = (CAR, CAR, CAR, (6.0, 2.0, 2.2), BUS, (0.8, 0.8, 1.75))
+    boxes = [np.array(on_ground(0.0, 0.0, 0.0, CAR))]
+    while len(boxes) <= n:
+        place, yaw = rng.uniform(-60.0, 60.0, 2), rng.uniform(-math.pi, math.pi)
+        box = np.array(on_ground(*place, yaw, kinds[rng.integers(len(kinds))]))
+        if all(apart(box, other) for other in boxes):
+            boxes.append(box)
+    return np.array([0.0, 0.0, height]), np.array(boxes[1:])
+
+
+seeds = st.integers(0, 2**32 - 1)
+seeded = settings(deadline=None, derandomize=True)
+
+# --- against casting every beam --------------------------------------------------------------
+
+
+@settings(seeded, max_examples=100)
+@given(seed=seeds, n=st.integers(1, 12), rays=st.integers(16, 900), beams=st.integers(2, 64))
+def test_equals_casting_every_beam(seed: int, n: int, rays: int, beams: int) -> None:
+    """Near and far, over and under one another, across the cut at +-pi, any number of beams."""
+    sensor, boxes = scene(seed, n)
+    lidar = Lidar(rays=rays, beams=beams, lowest=-0.6, highest=0.3, max_range=30.0)
+    np.testing.assert_array_equal(
+        one_frame(sensor, boxes, lidar), cast_counts(sensor, boxes, lidar)
+    )
+
+
+@pytest.mark.parametrize(("n", "seed"), [(60, 1), (100, 2)])
+def test_crowded_street_equals_casting_every_beam(n: int, seed: int) -> None:
+    sensor, boxes = street(seed, n, 1.73)
+    counts = one_frame(sensor, boxes)
+    assert (counts == 0).any()
+    np.testing.assert_array_equal(counts, cast_counts(sensor, boxes, HDL_64E))
+
+
+def test_boxes_in_a_circle_each_behind_the_next() -> None:
+    """A pinwheel: no order of whole boxes is right for all rays, so any painter's order fails."""
+    boxes = []
+    for k in range(
+        3
+    ):  # from 6 m away straight to 30 m, 140 degrees on: behind the next one's start
+        start, end = 6.0 * np.exp(2.0943j * k), 30.0 * np.exp(1j * (2.0943 * k + 2.4435))
+        middle, along = (start + end) / 2, end - start
+        boxes.append([middle.real, middle.imag, 1.0, np.angle(along), abs(along), 0.5, 2.0])
+    table = np.array(boxes)
+    sensor = np.array([0.0, 0.0, 1.0])
+    assert all(apart(a, b) for i, a in enumerate(table) for b in table[:i])
+    hides = np.zeros((3, 3), dtype=bool)  # which one takes returns from which
+    for i in range(3):
+        alone = one_frame(sensor, table[i])[0]
+        for j in range(3):
+            hides[j, i] = i != j and one_frame(sensor, table[[i, j]])[0] < alone
+    assert hides.sum() == 3
+    assert (hides.sum(axis=0) == 1).all()
+    assert (hides.sum(axis=1) == 1).all()
+    np.testing.assert_array_equal(one_frame(sensor, table), cast_counts(sensor, table, HDL_64E))
+
+
+@pytest.mark.parametrize("gap", [1e-8, 1e-5, 1e-2])
+@pytest.mark.parametrize("along", [0.0, 2.24, 2.25, 2.25 + 1e-13, 2.2500001, 3.0])
+def test_sensor_beside_a_wall_or_in_line_with_one(gap: float, along: float) -> None:
+    boxes = np.array(
+        [on_ground(0, 0, 0, CAR), on_ground(1, 7, 0.3, BUS), on_ground(9, 0.0, 0.0, CAR)]
+    )
+    for y in (0.9 + gap, -0.9 - gap):
+        sensor = np.array([along, y, 1.2])
+        np.testing.assert_array_equal(one_frame(sensor, boxes, COARSE), cast_counts(sensor, boxes))
+    sensor = np.array([2.25 + gap, 0.9, 1.2])  # exactly in line with walls of two boxes
+    np.testing.assert_array_equal(one_frame(sensor, boxes, COARSE), cast_counts(sensor, boxes))
+
+
+@settings(seeded, max_examples=60)
+@given(seed=seeds, n=st.integers(1, 12))
+def test_overlapping_boxes_go_by_where_the_ray_enters_the_footprint(seed: int, n: int) -> None:
+    sensor, _ = scene(seed, 0)
+    rng = np.random.default_rng(seed)
+    place = sensor[:2] + 16.0 * np.exp(1j * rng.uniform(0, 7, (n, 1))).view(float)
+    boxes = np.column_stack([place, rng.uniform(0, 2, n), rng.uniform(-4, 4, n)])
+    boxes = np.column_stack([boxes, rng.uniform(0.5, 12.0, (n, 3))])
+    np.testing.assert_array_equal(
+        one_frame(sensor, boxes, COARSE), cast_counts(sensor, boxes, COARSE, by_footprint=True)
+    )
+
+
+def test_of_equal_boxes_the_lower_row_has_the_returns() -> None:
+    box = on_ground(10, 3, 0.4, CAR)
+    far = on_ground(30, 9, 0.4, CAR)
+    alone = one_frame(ROOF_SENSOR, box)[0]
+    assert one_frame(ROOF_SENSOR, [far, box, box])[1:].tolist() == [alone, 0]
+
+
+# --- by hand --------------------------------------------------------------------------------
+
+
+def test_no_boxes_no_counts() -> None:
+    assert one_frame(ROOF_SENSOR, []).shape == (0,)
+    assert point_counts(np.empty((0, 3)), [0], []).dtype == np.int64
+
+
+def test_a_broad_wall_has_beams_times_rays() -> None:
+    """At 10 m, from 1 m below to 1 m above the sensor: the beams within atan(0.1), 5.71 degrees."""
+    lidar = Lidar(rays=3600, lowest=math.radians(-10), highest=math.radians(10), beams=41)
+    wall = [10.5, 0.0, 2.0, 0.0, 1.0, 2e6, 2.0]  # 0.5 degrees apart: 23 beams straight ahead
+    near = one_frame((0.0, 0.0, 2.0), wall, lidar)[0]
+    elevation = np.radians(np.arange(41) * 0.5 - 10.0)
+    azimuth = np.radians((np.arange(3600) + 0.5) * 0.1 - 180.0)
+    reach = np.where(np.cos(azimuth) > 0.0, np.cos(azimuth) / 10.0, 0.0)
+    within = np.abs(np.tan(elevation)) < reach[:, None]
+    within &= (reach > 1.0 / lidar.max_range)[:, None]
+    assert np.count_nonzero(within[1800]) == 23
+    assert near == np.count_nonzero(within)
+
+
+def test_bus_hides_car_and_car_hides_only_the_foot_of_a_bus() -> None:
+    bus, car = on_ground(10, 0, math.pi / 2, BUS), on_ground(16, 0, math.pi / 2, CAR)
+    assert one_frame(ROOF_SENSOR, [car, bus]).tolist() == [0, one_frame(ROOF_SENSOR, bus)[0]]
+    car, bus = on_ground(10, 0, math.pi / 2, CAR), on_ground(16, 0, math.pi / 2, BUS)
+    both = one_frame(ROOF_SENSOR, [bus, car])
+    assert both[1] == one_frame(ROOF_SENSOR, car)[0]
+    assert 0 < both[0] < one_frame(ROOF_SENSOR, bus)[0]
+
+
+def test_touching_boxes_share_no_return() -> None:
+    """Bumper to bumper, seen along the row: together they are one long box."""
+    row = [on_ground(10.0 + 4.5 * i, 1.0, 0.0, CAR) for i in range(3)]
+    long = on_ground(14.5, 1.0, 0.0, (13.5, 1.8, 1.5))
+    assert one_frame(ROOF_SENSOR, row).sum() == one_frame(ROOF_SENSOR, long)[0]
+
+
+@pytest.mark.parametrize(("y", "yaw"), [(0.3, 1.5), (0.9, 0.0), (-0.9, 0.0), (0.0, 0.0)])
+def test_a_turn_by_half_a_circle_changes_nothing(y: float, yaw: float) -> None:
+    """The same boxes ahead (+x) and behind (-x, across +-pi or with corners exactly on it)."""
+    ahead = np.array([on_ground(10, y, yaw, CAR), on_ground(17, -y, 1.4, (6.0, 2.0, 2.2))])
+    behind = ahead.copy()
+    behind[:, :2] *= -1.0
+    counts = one_frame(ROOF_SENSOR, ahead)
+    assert (counts > 0).all()
+    assert one_frame(ROOF_SENSOR, behind).tolist() == counts.tolist()
+
+
+def test_out_of_range_boxes_neither_return_nor_hide() -> None:
+    near, far = on_ground(10, 0, math.pi / 2, CAR), on_ground(16, 0, math.pi / 2, CAR)
+    assert one_frame(ROOF_SENSOR, [near, far], Lidar(max_range=9.0)).tolist() == [0, 0]
+    within = one_frame(ROOF_SENSOR, [near, far], Lidar(max_range=13.0))
+    assert within.tolist() == [one_frame(ROOF_SENSOR, near)[0], 0]
+
+
+# --- estimates ------------------------------------------------------------------------------
+
+
+def jittered(distance: float, size: tuple[float, float, float]) -> float:
+    """Mean returns of a box at eye level, over shifts by fractions of a ray and of a beam."""
+    rng = np.random.default_rng(7)
+    n = 200
+    shift, climb = rng.uniform(-0.01, 0.01, n), rng.uniform(-0.01, 0.01, n) * distance
+    boxes = [[distance, d * distance, z, d, *size] for d, z in zip(shift, climb, strict=True)]
+    counts = point_counts(np.zeros((n, 3)), np.arange(n + 1), boxes, LEVEL)
+    return float(counts.mean())
+
+
+@pytest.mark.parametrize("distance", [15.0, 30.0, 60.0])
+def test_equals_the_solid_angle_of_a_wall(distance: float) -> None:
+    """4 atan(a b / (d sqrt(d2 + a2 + b2))) of a wall 2a x 2b at d, per ray times beam."""
+    a, b, thin = 2.25, 0.75, 0.01
+    d = distance - thin / 2
+    angle = 4.0 * math.atan(a * b / (d * math.sqrt(d * d + a * a + b * b)))
+    per_beam = math.tau / LEVEL.rays * (LEVEL.highest - LEVEL.lowest) / (LEVEL.beams - 1)
+    assert jittered(distance, (thin, 2 * a, 2 * b)) == pytest.approx(angle / per_beam, rel=0.02)
+
+
+def test_returns_fall_with_the_square_of_the_distance() -> None:
+    near, far = jittered(25.0, (0.01, 4.5, 1.5)), jittered(50.0, (0.01, 4.5, 1.5))
+    assert near / far == pytest.approx(4.0, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("reach", "shifts", "mean", "most"),
+    [(25.0, 16, 0.005, 0.04), (None, 1, 0.03, 0.2)],
+    ids=["1024 beams", "HDL-64E"],
+)
+def test_the_share_of_returns_is_the_visible_fraction(
+    reach: float | None, shifts: int, mean: float, most: float
+) -> None:
+    """Fans of 64 beams from -25 to 25 degrees, shifted, agree to half a percent on average.
+
+    What is left is that a fraction is of the height averaged over azimuth and has no roof. The
+    HDL-64E is 1/9 as dense, and the tops of near buses are above it.
+    """
+    lowest, highest = HDL_64E.lowest, HDL_64E.highest
+    if reach is not None:
+        lowest, highest = -math.radians(reach), math.radians(reach)
+    shift = (highest - lowest) / 63 / shifts
+    lidars = [Lidar(lowest=lowest + k * shift, highest=highest + k * shift) for k in range(shifts)]
+    differences = []
+    for seed in range(4):
+        sensor, boxes = street(seed, 60, 1.73)
+        n = len(boxes)
+        each = np.tile(sensor, (n, 1))
+        together = sum(one_frame(sensor, boxes, lidar) for lidar in lidars)
+        alone = sum(point_counts(each, np.arange(n + 1), boxes, lidar) for lidar in lidars)
+        fractions = visible_fractions([sensor], [0, n], boxes)
+        kept = alone >= 50
+        differences.append(np.abs(together / np.maximum(alone, 1) - fractions)[kept])
+    difference = np.concatenate(differences)
+    assert len(difference) > 200
+    assert difference.mean() < mean
+    assert np.quantile(difference, 0.99) < most
+
+
+# --- properties -----------------------------------------------------------------------------
+
+
+@settings(seeded, max_examples=60)
+@given(seed=seeds, n=st.integers(2, 25))
+def test_order_of_the_rows_does_not_matter(seed: int, n: int) -> None:
+    sensor, boxes = scene(seed, n)
+    order = np.random.default_rng(seed).permutation(len(boxes))
+    counts = one_frame(sensor, boxes, COARSE)
+    assert one_frame(sensor, boxes[order], COARSE).tolist() == counts[order].tolist()
+
+
+@settings(seeded, max_examples=60)
+@given(seed=seeds, n=st.integers(2, 25))
+def test_removing_a_box_never_takes_returns_from_others(seed: int, n: int) -> None:
+    sensor, boxes = scene(seed, n)
+    rest = np.delete(np.arange(len(boxes)), seed % len(boxes))
+    before = one_frame(sensor, boxes, COARSE)[rest]
+    assert (one_frame(sensor, boxes[rest], COARSE) >= before).all()
+
+
+def test_same_input_same_bytes() -> None:
+    sensor, boxes = scene(11, 30)
+    assert one_frame(sensor, boxes).tobytes() == one_frame(sensor, boxes).tobytes()
+
+
+def test_all_frames_at_once_equal_frame_by_frame() -> None:
+    """No frame leaves anything behind for the next, neither boxes nor order."""
+    frames = [scene(seed, n) for seed, n in ((1, 4), (2, 0), (3, 30), (4, 1), (5, 12))]
+    offsets = np.cumsum([0, *(len(boxes) for _, boxes in frames)])
+    at_once = point_counts(
+        [sensor for sensor, _ in frames], offsets, np.vstack([boxes for _, boxes in frames])
+    )
+    singly = np.concatenate([one_frame(sensor, boxes) for sensor, boxes in frames])
+    assert at_once.tolist() == singly.tolist()
+
+
+def test_plain_python_gives_the_same_counts() -> None:
+    """The kernels run without numba's compiler, in another process as it is chosen on import."""
+    sensor, boxes = scene(5, 12)
+    program = (
+        "import json, sys; from sim_bridge.point_count import Lidar, point_counts\n"
+        "sensor, boxes = json.load(sys.stdin)\n"
+        "lidar = Lidar(rays=720, beams=33)\n"
+        "print(point_counts([sensor], [0, len(boxes)], boxes, lidar).tolist())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error::RuntimeWarning", "-c", program],
+        input=json.dumps([sensor.tolist(), boxes.tolist()]),
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == one_frame(sensor, boxes, COARSE).tolist()
+
+
+@settings(seeded, max_examples=40)
+@given(seed=seeds, scale=st.sampled_from([1e-6, 1e-3, 1e3, 1e9, 1e150]))
+def test_any_finite_box_has_a_count(seed: int, scale: float) -> None:
+    """Also sizes that no road has, on a grid where corners, walls and rays coincide."""
+    rng = np.random.default_rng(seed)
+    n = 20
+    boxes = np.column_stack([rng.integers(-9, 9, (n, 3)) * scale, rng.integers(0, 4, n)])
+    boxes = np.column_stack([boxes, rng.integers(1, 5, (n, 3)) * scale])
+    boxes[:, 3] *= math.pi / 4
+    counts = one_frame(scale * np.array([12.0, -14.0, 1.0]), boxes)
+    assert (counts >= 0).all()
+    assert counts.sum() <= HDL_64E.rays * HDL_64E.beams
+
+
+# --- errors ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", [(10.0, 0.0), (12.25, 0.0), (8.0, 0.9)])
+def test_sensor_inside_or_on_a_footprint_names_the_row(place: tuple[float, float]) -> None:
+    boxes = [on_ground(30, 0, 0, CAR), on_ground(10, 0, 0, CAR)]
+    with pytest.raises(ValueError, match=r"row 3 has the sensor inside"):
+        point_counts([ROOF_SENSOR, (*place, 1.7)], [0, 2, 4], boxes + boxes)
+
+
+def test_wrong_shapes_and_values_are_refused() -> None:
+    box = on_ground(30, 0, 0, CAR)
+    with pytest.raises(ValueError, match=r"sensor: expected shape \(n_frames, 3\)"):
+        point_counts(ROOF_SENSOR, [0, 1], [box])
+    with pytest.raises(ValueError, match=r"boxes: expected shape \(n, 7\)"):
+        point_counts([ROOF_SENSOR], [0, 1], [box[:6]])
+    with pytest.raises(ValueError, match="row 0 has a length, width or height that is not"):
+        point_counts([ROOF_SENSOR], [0, 1], [[*box[:6], 0.0]])
+    with pytest.raises(ValueError, match="sensor: frame 1 is not finite"):
+        point_counts([ROOF_SENSOR, (0.0, math.nan, 0.0)], [0, 0, 1], [box])
+    with pytest.raises(ValueError, match="rising from 0 to 1 rows"):
+        point_counts([ROOF_SENSOR], [0, 2], [box])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("rays", 15, "rays: expected at least 16, got 15"),
+        ("beams", 65, "beams: expected 2 to 64, got 65"),
+        ("beams", 1, "beams: expected 2 to 64, got 1"),
+        ("lowest", 0.1, "expected elevations within 1.396 rad, the second above"),
+        ("lowest", -1.5, "expected elevations within 1.396 rad, the second above"),
+        ("highest", math.nan, "expected elevations within 1.396 rad, the second above"),
+        ("max_range", 0.0, "max_range: expected a distance above 0 m"),
+    ],
+)
+def test_impossible_lidars_are_refused(field: str, value: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Lidar(**{field: value})  # type: ignore[arg-type]
