@@ -7,6 +7,7 @@ from scenarios.catalogue import list_names as list
 from scenarios.catalogue import load
 from scenarios.scenario import (
     ClosedFormScenario,
+    HighwayScenario,
     ParameterSpec,
     Scenario,
     ScenarioError,
@@ -16,6 +17,7 @@ from scenarios.scenario import (
 
 __all__ = [
     "ClosedFormScenario",
+    "HighwayScenario",
     "ParameterSpec",
     "Scenario",
     "ScenarioError",

@@ -12,6 +12,7 @@ from typing import Any
 
 from scenarios.scenario import (
     ClosedFormScenario,
+    HighwayScenario,
     ParameterSpec,
     Scenario,
     ScenarioError,
@@ -19,7 +20,13 @@ from scenarios.scenario import (
     SumoScenario,
     format_number,
 )
-from scenarios.schema import ClosedFormSettings, ScenarioSettings, SumoSettings, settings_of
+from scenarios.schema import (
+    ClosedFormSettings,
+    HighwaySettings,
+    ScenarioSettings,
+    SumoSettings,
+    settings_of,
+)
 from scenarios.settings import read_settings
 
 DEFINITION = "scenario.yaml"
@@ -55,6 +62,14 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     }
     if isinstance(settings, ClosedFormSettings):
         return ClosedFormScenario(**common, motion=settings.motion)
+    if isinstance(settings, HighwaySettings):
+        return HighwayScenario(
+            **common,
+            warmup=settings.warmup,
+            environment=settings.environment,
+            config=dict(settings.config),
+            ego=settings.ego,
+        )
     assert isinstance(settings, SumoSettings)
     scenario = SumoScenario(
         **common,

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from string import Template
-from typing import Literal
+from typing import ClassVar, Literal
 
 Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
-Source = Literal["sumo", "closed-form"]
+Source = Literal["sumo", "highway-env", "closed-form"]
 Kinematics = Literal["smooth", "raw"]
 MotionName = Literal["polynomial", "speed_change", "circle", "lane_change", "journey"]
 
@@ -56,7 +56,8 @@ class Scenario:
 
     `parameters` are the values in use; `duration` [s] is what is recorded; the sensor is carried
     at `sensor_height` [m]; `statics` never move and belong to the bridge; `definition` is the YAML
-    file. What else there is depends on the source: `SumoScenario`, `ClosedFormScenario`.
+    file. What else there is depends on the source: `SumoScenario`, `HighwayScenario`,
+    `ClosedFormScenario`.
     """
 
     name: str
@@ -134,6 +135,35 @@ class SumoScenario(Scenario):
 
     def _particulars(self) -> dict[str, object]:
         return {"warmup": float(self.warmup), "ego": self.ego, "kinematics": self.kinematics}
+
+
+@dataclass(frozen=True, slots=True)
+class HighwayScenario(Scenario):
+    """Traffic simulated by highway-env.
+
+    It runs for `warmup` [s] before the recording; `environment` is the id under which gymnasium
+    knows the environment; `config` holds its fixed settings; `ego` names the controlled vehicle,
+    whose roof carries the sensor. Motion is always smoothed. highway-env knows nothing of the
+    statics.
+    """
+
+    warmup: float
+    environment: str
+    config: Mapping[str, float] = field(hash=False)
+    ego: str
+    kinematics: ClassVar[Kinematics] = "smooth"
+
+    def settings(self) -> dict[str, float]:
+        """What the environment is configured with: its fixed settings and the parameters."""
+        return {**self.config, **self.parameters}
+
+    def _particulars(self) -> dict[str, object]:
+        return {
+            "warmup": float(self.warmup),
+            "environment": self.environment,
+            "config": dict(self.config),
+            "ego": self.ego,
+        }
 
 
 @dataclass(frozen=True, slots=True)

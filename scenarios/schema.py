@@ -67,6 +67,22 @@ class SumoSettings(ScenarioSettings):
     kinematics: Kinematics = "smooth"
 
 
+class HighwaySettings(ScenarioSettings):
+    """A scenario file of source `highway-env`; its parameters are settings of the environment."""
+
+    warmup: Annotated[float, Field(ge=0, le=3600)]
+    environment: Annotated[str, Field(pattern=r"^[\w./:-]+$", max_length=100)]
+    config: dict[_Name, int | float] = Field(default_factory=dict)
+    ego: _Name
+
+    @model_validator(mode="after")
+    def _fixes_no_parameter(self) -> "HighwaySettings":
+        both = sorted(self.config.keys() & self.parameters.keys())
+        if both:
+            raise ValueError(f"{both[0]} is in config and among the parameters")
+        return self
+
+
 class ClosedFormSettings(ScenarioSettings):
     """A scenario file of source `closed-form`."""
 
@@ -93,6 +109,7 @@ def settings_of(document: Mapping[str, Any]) -> type[ScenarioSettings]:
     """The settings that a scenario file of the document's source must be."""
     models: dict[str, type[ScenarioSettings]] = {
         "sumo": SumoSettings,
+        "highway-env": HighwaySettings,
         "closed-form": ClosedFormSettings,
     }
     return models.get(str(document.get("source")), _SourceSettings)

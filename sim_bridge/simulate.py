@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from mdkf.tables import KINDS, EgoPath, FloatArray, IntArray, Trace
-from scenarios import ClosedFormScenario, Scenario, SumoScenario
-from sim_bridge import sumo
+from scenarios import ClosedFormScenario, HighwayScenario, Scenario, SumoScenario
+from sim_bridge import highway, sumo
 from sim_bridge.bodies import MOTION, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
+from sim_bridge.highway import run_highway
 from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
@@ -28,6 +29,9 @@ class SeedRefused(SimulationError):
     """The inputs are good, but this seed gives no valid truth; another one may."""
 
 
+Simulated = SumoScenario | HighwayScenario
+"""What a simulator makes, vehicle by vehicle."""
+
 MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
 
@@ -39,6 +43,8 @@ def check_inputs(scenario: Scenario) -> None:
     """Raise `SimulationError` for inputs that no simulation can use, without simulating."""
     if isinstance(scenario, SumoScenario):
         sumo.check_inputs(scenario)
+    elif isinstance(scenario, HighwayScenario):
+        highway.check_inputs(scenario)
 
 
 def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
@@ -57,8 +63,8 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     if isinstance(scenario, ClosedFormScenario):
         world = closed_form_world(scenario, seed, ticks)
     else:
-        assert isinstance(scenario, SumoScenario)
-        world = _sumo_world(scenario, seed, stride, ticks)
+        assert isinstance(scenario, SumoScenario | HighwayScenario)
+        world = _simulated_world(scenario, seed, stride, ticks)
     provenance = {
         "scenario": scenario.name,
         "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
@@ -84,10 +90,13 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     return _trace(world.others, ego, stride, provenance)
 
 
-def _sumo_world(scenario: SumoScenario, seed: int, stride: int, ticks: IntArray) -> World:
-    """What SUMO's vehicles do within the trace, smoothed."""
+def _simulated_world(scenario: Simulated, seed: int, stride: int, ticks: IntArray) -> World:
+    """What a simulator's vehicles do within the trace, smoothed."""
     try:
-        recording = run_sumo(scenario, seed, margin=MARGIN)
+        if isinstance(scenario, SumoScenario):
+            recording = run_sumo(scenario, seed, margin=MARGIN)
+        else:
+            recording = run_highway(scenario, seed, margin=MARGIN)
     except Accident as accident:
         raise SeedRefused(f"{scenario.name}, seed {seed}: {accident}") from None
     bodies = list(_bodies(scenario, recording, stride, len(ticks)))
@@ -115,9 +124,9 @@ def _stride(scenario: Scenario, dt: float) -> int:
 
 
 def _bodies(
-    scenario: SumoScenario, recording: Recording, stride: int, n_frames: int
+    scenario: Simulated, recording: Recording, stride: int, n_frames: int
 ) -> Iterator[Body]:
-    """SUMO's vehicles within the trace's frames, by name."""
+    """The simulator's vehicles within the trace's frames, by name."""
     every = round(CONTROL_STEP / recording.step)
     per_sample = round(recording.step / INTEGRATION_STEP)
     for vehicle, name in enumerate(recording.names):
