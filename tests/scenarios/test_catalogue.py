@@ -12,7 +12,15 @@ import pytest
 import scenarios
 from scenarios import Scenario, ScenarioError
 
-NAMES = ("bus_stop", "emergency_braking", "off_scene", "parked_row", "roundabout", "stop_and_go")
+NAMES = (
+    "bus_stop",
+    "emergency_braking",
+    "green_wave",
+    "off_scene",
+    "parked_row",
+    "roundabout",
+    "stop_and_go",
+)
 
 
 def one_line_error(name: str | Path, /, **parameters: object) -> str:

@@ -18,7 +18,15 @@ from sim_bridge.recording import Recording
 from sim_bridge.sumo import STEP, run_sumo
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("bus_stop", "emergency_braking", "off_scene", "parked_row", "roundabout", "stop_and_go")
+NAMES = (
+    "bus_stop",
+    "emergency_braking",
+    "green_wave",
+    "off_scene",
+    "parked_row",
+    "roundabout",
+    "stop_and_go",
+)
 
 
 def short(name: str) -> Scenario:

@@ -24,7 +24,15 @@ from sim_bridge.sumo import run_sumo
 from tests.sim_bridge.worlds import by_object, corners, neighbours, world
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("bus_stop", "emergency_braking", "off_scene", "parked_row", "roundabout", "stop_and_go")
+NAMES = (
+    "bus_stop",
+    "emergency_braking",
+    "green_wave",
+    "off_scene",
+    "parked_row",
+    "roundabout",
+    "stop_and_go",
+)
 EGO = (4.6, 1.85)  # length, width in every route file [m]
 FINE, FRAME = 0.01, 0.1  # s
 
