@@ -11,16 +11,7 @@ import pytest
 
 import scenarios
 from scenarios import Scenario, ScenarioError
-
-NAMES = (
-    "bus_stop",
-    "emergency_braking",
-    "green_wave",
-    "off_scene",
-    "parked_row",
-    "roundabout",
-    "stop_and_go",
-)
+from tests.sim_bridge.worlds import SUMO
 
 
 def one_line_error(name: str | Path, /, **parameters: object) -> str:
@@ -34,12 +25,17 @@ def one_line_error(name: str | Path, /, **parameters: object) -> str:
 
 def test_the_catalogue_lists_its_scenarios() -> None:
     """`scenarios.list()` gives the names under which `load` finds them."""
-    assert set(NAMES) <= set(scenarios.list())
+    assert set(scenarios.list()) == {
+        *("bus_stop", "emergency_braking", "green_wave", "off_scene", "parked_row", "roundabout"),
+        *("stop_and_go", "merge", "motorway", "stop_and_go_wave", "brake_to_standstill", "circle"),
+        *("constant_acceleration", "constant_jerk", "constant_velocity", "journey"),
+        *("lane_change", "pull_away", "stationary"),
+    }
     for name in scenarios.list():
         assert scenarios.load(name).name == name
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SUMO)
 def test_every_parameter_works_at_both_bounds_and_not_beyond(name: str) -> None:
     """The declared bounds are the accepted ones, and values reach the scenario."""
     for spec in scenarios.load(name).parameter_specs:
@@ -51,7 +47,7 @@ def test_every_parameter_works_at_both_bounds_and_not_beyond(name: str) -> None:
             assert spec.unit in message
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SUMO)
 def test_every_parameter_changes_the_route_file(name: str) -> None:
     """No declared parameter is without effect."""
     default = scenarios.load(name).route_xml()

@@ -16,17 +16,9 @@ import scenarios
 from scenarios import Scenario
 from sim_bridge.recording import Recording
 from sim_bridge.sumo import STEP, run_sumo
+from tests.sim_bridge.worlds import SUMO
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = (
-    "bus_stop",
-    "emergency_braking",
-    "green_wave",
-    "off_scene",
-    "parked_row",
-    "roundabout",
-    "stop_and_go",
-)
 
 
 def short(name: str) -> Scenario:
@@ -34,7 +26,7 @@ def short(name: str) -> Scenario:
     return dataclasses.replace(scenarios.load(name), duration=5.0)
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=SUMO)
 def pair(request: pytest.FixtureRequest) -> tuple[Scenario, Recording]:
     scenario = scenarios.load(request.param)
     return scenario, run_sumo(scenario, 3, margin=1.0)
@@ -98,7 +90,7 @@ def test_another_seed_gives_other_traffic() -> None:
     assert not first.same_as(other)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SUMO)
 def test_another_process_elsewhere_gives_the_same_bits(name: str, tmp_path: Path) -> None:
     """Neither the working directory, nor the process, nor the hash seed matters."""
     script = (

@@ -21,18 +21,9 @@ from scenarios import Scenario, StaticBox
 from sim_bridge import SeedRefused, SimulationError, detect, simulate, write_table
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.sumo import run_sumo
-from tests.sim_bridge.worlds import by_object, corners, neighbours, world
+from tests.sim_bridge.worlds import SUMO, by_object, corners, neighbours, world
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = (
-    "bus_stop",
-    "emergency_braking",
-    "green_wave",
-    "off_scene",
-    "parked_row",
-    "roundabout",
-    "stop_and_go",
-)
 EGO = (4.6, 1.85)  # length, width in every route file [m]
 FINE, FRAME = 0.01, 0.1  # s
 
@@ -40,12 +31,12 @@ STATIONARY = REGIMES.index("stationary")
 BUS, CAR = KINDS.index("bus"), KINDS.index("car")
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=SUMO)
 def trace(request: pytest.FixtureRequest) -> Trace:
     return world(request.param)
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=SUMO)
 def both(request: pytest.FixtureRequest) -> tuple[Trace, Trace]:
     """The same world at 100 Hz and at 10 Hz."""
     return world(request.param, FINE), world(request.param)
@@ -162,7 +153,7 @@ def test_no_two_boxes_overlap(trace: Trace) -> None:
         a, b = np.nonzero(np.triu(apart < reach[:, None] + reach[None], 1))
         pairs.append(np.stack([corners(boxes[a]), corners(boxes[b])], axis=1))
     both = np.concatenate(pairs)  # (pairs, 2, 4, 2)
-    assert len(both) > 500
+    assert len(both) > 1000
     separated = np.zeros(len(both), dtype=bool)
     for box in range(2):
         for edge in range(2):
@@ -185,8 +176,7 @@ def test_the_sensor_drives_smoothly(both: tuple[Trace, Trace]) -> None:
     """The ego path has no jump either: differences of 100 Hz poses give physical acceleration and
     jerk and a heading that turns; it covers ground at a constant height."""
     ego = both[0].ego
-    np.testing.assert_array_equal(ego.frame, np.arange(ego.n_frames))
-    assert ego.n_frames * FINE >= 50.0
+    np.testing.assert_array_equal(ego.frame, np.arange(6000))
     p = ego.x + 1j * ego.y
     v, a, j = (np.diff(p, order) / FINE**order for order in (1, 2, 3))
     assert np.abs(v).sum() * FINE > 100.0
@@ -268,7 +258,7 @@ def files_of(name: str, seed: int, folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SUMO)
 def test_a_seed_is_the_same_bytes_in_any_process(name: str, tmp_path: Path) -> None:
     """Trace, detections and tracks of another process, elsewhere, with another hash seed, are the
     same Parquet files to the byte; another seed gives other files."""

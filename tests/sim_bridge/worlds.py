@@ -12,6 +12,9 @@ import scenarios
 from mdkf.tables import KINDS, REGIMES, EgoPath, FloatArray, IntArray, Trace
 from sim_bridge import simulate
 
+SUMO = tuple(name for name in scenarios.list() if scenarios.load(name).source == "sumo")
+"""Every scenario of the catalogue on SUMO: a new one cannot escape the tests of them all."""
+
 CAR = (4.5, 1.8, 1.5)  # length, width, height [m]
 
 
