@@ -62,8 +62,8 @@ def take(state: State, rows: IntArray) -> State:
     if isinstance(state, np.ndarray):
         return state[rows]  # type: ignore[return-value]
     _check_state(state)
-    arrays = {f.name: getattr(state, f.name)[rows] for f in fields(state)}  # type: ignore[arg-type]
-    return replace(state, **arrays)  # type: ignore[type-var]
+    taken = {f.name: getattr(state, f.name)[rows] for f in fields(state)}  # type: ignore[arg-type]
+    return replace(state, **taken)  # type: ignore[type-var]
 
 
 def join(first: State, second: State) -> State:
@@ -71,11 +71,11 @@ def join(first: State, second: State) -> State:
     if isinstance(first, np.ndarray):
         return np.concatenate([first, second])  # type: ignore[return-value]
     _check_state(first)
-    arrays = {
+    joined = {
         f.name: np.concatenate([getattr(first, f.name), getattr(second, f.name)])
         for f in fields(first)  # type: ignore[arg-type]
     }
-    return replace(first, **arrays)  # type: ignore[type-var]
+    return replace(first, **joined)  # type: ignore[type-var]
 
 
 def _check_state(state: object) -> None:

@@ -107,18 +107,16 @@ class InteractingMultipleModel:
         _update(*models, new.probability, new.innovation, new.nis, z, R, *_sizes(self.order))
         return new
 
-    def filter(
+    def run_compiled(
         self, state: ImmState, positions: FloatArray, noise: FloatArray, dt: float, out: Estimates
-    ) -> ImmState:
-        """States after a sequence; the compiled pass of `mdkf.filter_sequence`."""
-        state = copied(state)
+    ) -> None:
+        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
         models = _by_model(state.mean, state.covariance)
         modes = (state.probability, state.innovation, state.nis)
         model = (self.mixing == "unbiased", taylor(self.order, dt), *_bank(self, dt))
         sizes = _sizes(self.order)
         arguments = (*models, *modes, positions, noise, *model, *sizes, *arrays(out))
         _filter(*arguments)
-        return state
 
     def position(self, state: ImmState) -> FloatArray:
         """Positions (n, 2) of the mixture's mean [m]."""

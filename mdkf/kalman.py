@@ -93,20 +93,18 @@ class Kalman(OneChain):
         _update(new.mean, new.covariance, new.innovation, new.nis, z, R, derivatives(self.order))
         return new
 
-    def filter(
+    def run_compiled(
         self,
         state: KalmanState,
         positions: FloatArray,
         noise: FloatArray,
         dt: float,
         out: Estimates,
-    ) -> KalmanState:
-        """States after a sequence; the compiled pass of `mdkf.filter_sequence`."""
-        state = copied(state)
+    ) -> None:
+        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
         model = (derivatives(self.order), *chain(self.order, dt, self.process_density))
         arguments = (*arrays(state), positions, noise, *model, *arrays(out))
         _filter(*arguments)
-        return state
 
     def diagnostics(self, state: KalmanState) -> Mapping[str, FloatArray]:
         """innovation_x, innovation_y [m], nis."""

@@ -145,21 +145,19 @@ class MotionDynamics(OneChain):
         _update(*arguments)
         return new
 
-    def filter(
+    def run_compiled(
         self,
         state: MotionDynamicsState,
         positions: FloatArray,
         noise: FloatArray,
         dt: float,
         out: Estimates,
-    ) -> MotionDynamicsState:
-        """States after a sequence; the compiled pass of `mdkf.filter_sequence`."""
-        state = copied(state)
+    ) -> None:
+        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
         model = (self.covariance_by == "FW", *chain(self.order, dt, self.process_density))
         choices = (*self._choices, *model)
         arguments = (*arrays(state), positions, noise, *choices, *arrays(out))
         _filter(*arguments)
-        return state
 
     @property
     def _choices(self) -> tuple[tuple[float, ...], int, bool, bool]:

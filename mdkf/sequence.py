@@ -47,7 +47,7 @@ def filter_sequence(
     state = estimator.start(z[0], R[0])
     T, n, _ = z.shape
     out = Estimates(np.empty((T, n, 2)), np.empty((T, n, 2)), np.empty((T, n, 2, 2)))
-    compiled = getattr(estimator, "filter", None)
+    compiled = getattr(estimator, "run_compiled", None)
     if compiled is not None and np.ndim(dt) == 0:
         compiled(state, z, R, float(np.asarray(dt)), out)
         return out

@@ -27,12 +27,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from sim_bridge.frames import checked_boxes, checked_frames
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
-BOX_COLUMNS = 7  # x, y, z [m], yaw [rad], length, width, height [m]
 CONTACT = 1e-9  # [m] a sensor this close to a footprint has no silhouette to look at
 MIN_OFFSET = 1e-12  # [m] least distance of a wall's line from the sensor: keeps 1/r finite
 RESOLUTION = 1e-12  # [rad] narrower cells are all rounding: 1 um at 1000 km
@@ -66,7 +67,7 @@ def visible_fraction(sensor: ArrayLike, boxes: ArrayLike) -> Floats:
     if position.shape != (3,):
         raise ValueError(f"sensor: expected shape (3,), got {position.shape}")
     table = checked_boxes(boxes)
-    return _fractions(position[None], np.array([0, len(table)], dtype=np.int64), table)
+    return visible_fractions(position[None], [0, len(table)], table)
 
 
 def visible_fractions(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLike) -> Floats:
@@ -83,46 +84,10 @@ def visible_fractions(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLik
     Raises:
         ValueError: as `visible_fraction`, or offsets that do not cover the rows in order.
     """
-    positions = np.ascontiguousarray(sensor, dtype=np.float64)
-    if positions.ndim != 2 or positions.shape[1] != 3:
-        raise ValueError(f"sensor: expected shape (n_frames, 3), got {positions.shape}")
-    table = checked_boxes(boxes)
-    offsets = np.asarray(frame_start)
-    if (
-        offsets.shape != (len(positions) + 1,)
-        or offsets.dtype.kind not in "iu"
-        or (offsets[0], offsets[-1]) != (0, len(table))
-        or np.any(offsets[1:] < offsets[:-1])
-    ):
-        raise ValueError(
-            f"frame_start: expected {len(positions) + 1} integer offsets rising from 0 to "
-            f"{len(table)} rows, got {offsets.tolist()}"
-        )
-    return _fractions(positions, offsets.astype(np.int64), table)
-
-
-def checked_boxes(boxes: ArrayLike) -> Floats:
-    """Boxes (n, 7) as a contiguous table; `ValueError` names the row that is no box."""
-    table = np.ascontiguousarray(boxes, dtype=np.float64)
-    if table.size == 0 and table.ndim <= 2:
-        table = table.reshape(0, BOX_COLUMNS)
-    if table.ndim != 2 or table.shape[1] != BOX_COLUMNS:
-        raise ValueError(f"boxes: expected shape (n, {BOX_COLUMNS}), got {table.shape}")
-    for wrong, what in (
-        (~np.isfinite(table).all(axis=1), "a value that is not finite"),
-        ((table[:, 4:] <= 0.0).any(axis=1), "a length, width or height that is not positive"),
-    ):
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise ValueError(f"boxes: row {row} has {what}: {table[row].tolist()}")
-    return table
+    return _fractions(*checked_frames(sensor, frame_start, boxes))
 
 
 def _fractions(positions: Floats, offsets: Ints, table: Floats) -> Floats:
-    wrong = ~np.isfinite(positions).all(axis=1)
-    if wrong.any():
-        frame = int(np.argmax(wrong))
-        raise ValueError(f"sensor: frame {frame} is not finite: {positions[frame].tolist()}")
     fractions = np.empty(len(table))
     row = int(_sweep_frames(positions, offsets, table, fractions))
     if row >= 0:

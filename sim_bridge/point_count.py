@@ -30,7 +30,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mdkf.compiled import inlined, kernel
 from mdkf.tables import BoolArray, CodeArray, FloatArray, IntArray
-from sim_bridge.line_of_sight import CONTACT, MIN_OFFSET, checked_boxes
+from sim_bridge.frames import checked_frames
+from sim_bridge.line_of_sight import CONTACT, MIN_OFFSET
 
 Words = NDArray[np.uint64]
 Boxes = NDArray[np.uint32]
@@ -122,31 +123,9 @@ def point_counts(
             a value that is not finite, a size that is not positive, a sensor inside the box's
             footprint (or touching it).
     """
-    positions = np.ascontiguousarray(sensor, dtype=np.float64)
-    if positions.ndim != 2 or positions.shape[1] != 3:
-        raise ValueError(f"sensor: expected shape (n_frames, 3), got {positions.shape}")
-    wrong = ~np.isfinite(positions).all(axis=1)
-    if wrong.any():
-        frame = int(np.argmax(wrong))
-        raise ValueError(f"sensor: frame {frame} is not finite: {positions[frame].tolist()}")
-    table = checked_boxes(boxes)
-    offsets = np.asarray(frame_start)
-    if (
-        offsets.shape != (len(positions) + 1,)
-        or offsets.dtype.kind not in "iu"
-        or (offsets[0], offsets[-1]) != (0, len(table))
-        or np.any(offsets[1:] < offsets[:-1])
-    ):
-        raise ValueError(
-            f"frame_start: expected {len(positions) + 1} integer offsets rising from 0 to "
-            f"{len(table)} rows, got {offsets.tolist()}"
-        )
+    positions, offsets, table = checked_frames(sensor, frame_start, boxes)
     counts = np.zeros(len(table), dtype=np.int64)
-    row = int(
-        _count_frames(
-            positions, offsets.astype(np.int64), table, *_fan(lidar), 1.0 / lidar.max_range, counts
-        )
-    )
+    row = int(_count_frames(positions, offsets, table, *_fan(lidar), 1.0 / lidar.max_range, counts))
     if row >= 0:
         raise ValueError(
             f"boxes: row {row} has the sensor inside or touching its footprint, so no ray can "

@@ -14,15 +14,13 @@ from scenarios import ClosedFormScenario, HighwayScenario, Scenario, SumoScenari
 from sim_bridge import highway, sumo
 from sim_bridge.bodies import MOTION, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
-from sim_bridge.highway import run_highway
 from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
 from sim_bridge.overlap import first_overlap
 from sim_bridge.recording import Recording
 from sim_bridge.regimes import regimes, turning
-from sim_bridge.sumo import STEP as SUMO_STEP
-from sim_bridge.sumo import Accident, run_sumo
+from sim_bridge.sumo import Accident
 
 
 class SeedRefused(SimulationError):
@@ -34,7 +32,6 @@ Simulated = SumoScenario | HighwayScenario
 
 MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
-
 
 _BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
@@ -94,9 +91,9 @@ def _simulated_world(scenario: Simulated, seed: int, stride: int, ticks: IntArra
     """What a simulator's vehicles do within the trace, smoothed."""
     try:
         if isinstance(scenario, SumoScenario):
-            recording = run_sumo(scenario, seed, margin=MARGIN)
+            recording = sumo.run_sumo(scenario, seed, margin=MARGIN)
         else:
-            recording = run_highway(scenario, seed, margin=MARGIN)
+            recording = highway.run_highway(scenario, seed, margin=MARGIN)
     except Accident as accident:
         raise SeedRefused(f"{scenario.name}, seed {seed}: {accident}") from None
     bodies = list(_bodies(scenario, recording, stride, len(ticks)))
@@ -114,7 +111,7 @@ def _stride(scenario: Scenario, dt: float) -> int:
     """dt in integration steps."""
     # SUMO's own numbers exist only at its steps.
     raw = isinstance(scenario, SumoScenario) and scenario.kinematics == "raw"
-    step = SUMO_STEP if raw else INTEGRATION_STEP
+    step = sumo.STEP if raw else INTEGRATION_STEP
     multiple = round(dt / step) if np.isfinite(dt) else 0
     if multiple < 1 or abs(multiple * step - dt) > 1e-9 or dt > scenario.duration:
         raise SimulationError(

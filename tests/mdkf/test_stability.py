@@ -156,7 +156,8 @@ def test_window_deviations_are_exact_after_a_million_steps(
     z, R = wild(2, 1_000_000, 1)
     n = len(z) - last
     out = Estimates(np.empty((n, 1, 2)), np.empty((n, 1, 2)), np.empty((n, 1, 2, 2)))
-    late = md.filter(md.start(z[0], R[0]), z[:n], R[:n], DT, out)
+    late = md.start(z[0], R[0])
+    md.run_compiled(late, z[:n], R[:n], DT, out)
     # The history that the window holds at frame n: since the last gap, or all.
     seen = ~np.isnan(z[:n, 0, 0])
     start = int(np.flatnonzero(~seen)[-1]) + 1 if after_gap == "reset" else n - 2000
