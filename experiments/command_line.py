@@ -45,6 +45,7 @@ BAD_INPUT = (
     scenarios.ScenarioError,
     sim_bridge.SimulationError,
     sim_bridge.ProfileError,
+    sim_bridge.KittiError,
     TableError,
 )
 INTERRUPTED = 130
@@ -62,7 +63,11 @@ Occlusion = Annotated[
     typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
 ]
 Detector = Annotated[
-    str, typer.Option(help="A detector profile's name, or its YAML file (then give --settings).")
+    str,
+    typer.Option(
+        help="A detector profile's name, or its YAML file (then give --settings); or"
+        " recorded:NAME, for recorded scenarios."
+    ),
 ]
 Settings = Annotated[
     str | None,
@@ -135,13 +140,12 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Simulate, detect, occlude, track with each filter, score: a table and a report."""
-    profile = sim_bridge.load_profile(detector)
     plan = runs.Plan(
         scenarios=_scenarios(names or list(runs.SCENARIOS)),
         seeds=tuple(range(seeds)),
         filters=_filters(filters),
         detector=detector,
-        settings=_settings(settings or profile.name),
+        settings=_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=_occlusion(occlusion),
         gap_truth=_gap_truth(gap_truth),
     )
@@ -149,7 +153,7 @@ def run(
     console = Console(stderr=True)
     bars = Progress(*columns, console=console, disable=not console.is_terminal)
     with _made(out), bars as bar:
-        task = bar.add_task("worlds", total=len(plan.seeds) * len(plan.scenarios))
+        task = bar.add_task("worlds", total=len(plan.worlds(out)))
         results = runs.run(plan, out, workers, lambda done: bar.update(task, completed=done))
     for reason in results.refused:
         console.print(f"refused: {reason}", style="yellow", highlight=False, markup=False)

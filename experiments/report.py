@@ -140,7 +140,8 @@ def _gap_pictures(
     plan: Plan, results: Results, out: Path, filters: list[str]
 ) -> list[dict[str, Any]]:
     """For the first good seed of each scenario the gaps nearest to the sensor, of a standing and
-    of a moving object, captured tracks left out. The choice looks at no filter's error."""
+    of a moving object (or of a labelled one, of which nobody knows), captured tracks left out. The
+    choice looks at no filter's error."""
     pictures = []
     for scenario in plan.scenarios:
         seed = results.kept.get(scenario.name)
@@ -152,8 +153,11 @@ def _gap_pictures(
         detections = read_table(folder / "detections.parquet", Detections)
         tracks = {name: read_table(folder / f"tracks-{name}.parquet", Tracks) for name in filters}
         distance = trace.sensor_distance()
-        for label, standing in (("standing", True), ("moving", False)):
-            gap = _nearest_gap(trace, distance, own, standing)
+        regime = pl.col("regime")
+        standing, unknown = regime == "stationary", regime == "unknown"
+        kinds = {"standing": standing, "moving": ~standing & ~unknown, "labelled": unknown}
+        for label, of_kind in kinds.items():
+            gap = _nearest_gap(trace, distance, own.filter(of_kind))
             if gap is None:
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
@@ -170,14 +174,11 @@ def _gap_pictures(
     return pictures
 
 
-def _nearest_gap(
-    trace: Trace, distance: Any, errors: pl.DataFrame, standing: bool
-) -> tuple[int, int, int] | None:
+def _nearest_gap(trace: Trace, distance: Any, errors: pl.DataFrame) -> tuple[int, int, int] | None:
     """The gap (object, start, stop) whose object is nearest to the sensor as it begins, of those
     that every filter's track goes through uncaptured."""
-    of_kind = (pl.col("regime") == "stationary") == standing
     free = ((pl.col("track_id") >= 0) & ~pl.col("captured")).all().over("object_id", "gap_start")
-    gaps = errors.filter(of_kind & free).select("object_id", "gap_start", "gap_stop").unique()
+    gaps = errors.filter(free).select("object_id", "gap_start", "gap_stop").unique()
     found = []
     for object_id, start, stop in gaps.sort("object_id").iter_rows():
         rows = trace.rows_of(object_id)

@@ -31,7 +31,7 @@ from experiments.statistics import mean_interval
 from experiments.warm_up import compile_sensing, compile_tracking
 from experiments.world import Outcome, World, run_world
 from scenarios import Scenario
-from sim_bridge import check_inputs
+from sim_bridge import check_detector, check_inputs, is_recorded
 from sim_bridge.parquet import write_frame
 
 SCENARIOS = ("bus_stop", "stop_and_go")
@@ -74,11 +74,16 @@ class Plan:
         return World(scenario, seed, *rules, keep=keep)
 
     def worlds(self, out: Path) -> list[World]:
-        """One world for each seed and scenario; the first of each scenario keeps its tables."""
+        """One world for each seed and scenario; the first of each scenario keeps its tables.
+
+        No seed changes what was recorded: one world is all that there is of it, and a mean over
+        more would have an interval of nothing.
+        """
         first = self.seeds[0]
+        seeds = (first,) if is_recorded(self.detector) else self.seeds
         return [
             self.world(s, seed, kept_folder(out, s.name, seed) if seed == first else None)
-            for seed in self.seeds
+            for seed in seeds
             for s in self.scenarios
         ]
 
@@ -120,6 +125,7 @@ def run(
     """
     for scenario in plan.scenarios:
         check_inputs(scenario)
+        check_detector(plan.detector, scenario)
     shutil.rmtree(out / KEPT, ignore_errors=True)
     worlds = plan.worlds(out)
     outcomes: list[Outcome] = []

@@ -8,7 +8,8 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios import Scenario
+from scenarios import KittiScenario, Scenario
+from scenarios.kitti import VARIABLE, kitti_root
 
 COLUMNS = (
     # column, heading, decimals, whether smaller is better
@@ -118,7 +119,10 @@ def verdict(row: Mapping[str, Any]) -> str:
 
 def scenario_table(catalogue: Iterable[Scenario]) -> Table:
     """The catalogue, a line each."""
-    table = Table()
+    catalogue = tuple(catalogue)
+    recorded = any(isinstance(scenario, KittiScenario) for scenario in catalogue)
+    hint = f"no recordings in {kitti_root()}: set {VARIABLE} to list KITTI's sequences"
+    table = Table(caption=None if recorded else escape(hint), caption_justify="left")
     for heading in ("scenario", "source", "length", "what happens"):
         table.add_column(heading)
     for scenario in catalogue:

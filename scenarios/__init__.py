@@ -8,6 +8,7 @@ from scenarios.catalogue import load
 from scenarios.scenario import (
     ClosedFormScenario,
     HighwayScenario,
+    KittiScenario,
     ParameterSpec,
     Scenario,
     ScenarioError,
@@ -18,6 +19,7 @@ from scenarios.scenario import (
 __all__ = [
     "ClosedFormScenario",
     "HighwayScenario",
+    "KittiScenario",
     "ParameterSpec",
     "Scenario",
     "ScenarioError",

@@ -1,15 +1,18 @@
 """Turns a catalogue name, or the path of a user's scenario file, into a `Scenario`.
 
-Each scenario of the catalogue is a folder beside this module that holds `scenario.yaml`.
+Each scenario of the catalogue is a folder beside this module that holds `scenario.yaml`; recorded
+sequences join them where there are any (`scenarios.kitti`).
 """
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
+from scenarios.kitti import PREFIX, kitti_names, kitti_scenario
 from scenarios.scenario import (
     ClosedFormScenario,
     HighwayScenario,
@@ -34,16 +37,22 @@ _FOLDER = Path(__file__).resolve().parent
 
 
 def list_names() -> tuple[str, ...]:
-    """Names of the scenarios that come with this package, sorted."""
-    return tuple(sorted(path.parent.name for path in _FOLDER.glob(f"*/{DEFINITION}")))
+    """Names of the scenarios that come with this package, then of the recorded sequences that are
+    there, each sorted."""
+    return (*_own_names(), *kitti_names())
 
 
 def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     """Load a scenario of the catalogue by name, or a user's own by the path of its YAML file.
 
+    `kitti-0001` is a recorded sequence, in the folder that `MDKF_KITTI` names.
+
     `parameters` override the declared defaults, in the declared units. Raises `ScenarioError` (one
     line) for an unknown name, an unknown, ill-typed or out-of-bounds parameter, or a bad file.
     """
+    if isinstance(name_or_path, str) and re.fullmatch(rf"{PREFIX}\w+", name_or_path):
+        _choose(name_or_path, (), parameters)  # it has none
+        return kitti_scenario(name_or_path)
     path = _locate(name_or_path)
     settings = read_settings(path, settings_of, ScenarioError)
     specs = tuple(
@@ -83,17 +92,22 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     return scenario
 
 
+def _own_names() -> tuple[str, ...]:
+    return tuple(sorted(path.parent.name for path in _FOLDER.glob(f"*/{DEFINITION}")))
+
+
 def _locate(name_or_path: str | Path) -> Path:
     """The definition file; what looks like a path is taken as one."""
     given = str(name_or_path)
-    if isinstance(name_or_path, str) and given in list_names():
+    if isinstance(name_or_path, str) and given in _own_names():
         return _FOLDER / given / DEFINITION
     looks_like_path = isinstance(name_or_path, Path) or any(c in given for c in "/\\.")
     if not looks_like_path:
         shown = given[:80] + ("..." if len(given) > 80 else "")
         raise ScenarioError(
             f"unknown scenario {shown!r}{_suggestion(given, list_names())};"
-            f" known: {', '.join(list_names())}; or give the path of a scenario file"
+            f" known: {', '.join(_own_names())}, {PREFIX}SSSS (recorded); or give the path of a"
+            " scenario file"
         )
     return Path(name_or_path)
 

@@ -12,7 +12,7 @@ from string import Template
 from typing import ClassVar, Literal
 
 Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
-Source = Literal["sumo", "highway-env", "closed-form"]
+Source = Literal["sumo", "highway-env", "closed-form", "kitti"]
 Kinematics = Literal["smooth", "raw"]
 MotionName = Literal["polynomial", "speed_change", "circle", "lane_change", "journey"]
 
@@ -57,7 +57,7 @@ class Scenario:
     `parameters` are the values in use; `duration` [s] is what is recorded; the sensor is carried
     at `sensor_height` [m]; `statics` never move and belong to the bridge; `definition` is the YAML
     file. What else there is depends on the source: `SumoScenario`, `HighwayScenario`,
-    `ClosedFormScenario`.
+    `ClosedFormScenario`, `KittiScenario`.
     """
 
     name: str
@@ -177,6 +177,24 @@ class ClosedFormScenario(Scenario):
 
     def _particulars(self) -> dict[str, object]:
         return {"motion": self.motion}
+
+
+@dataclass(frozen=True, slots=True)
+class KittiScenario(Scenario):
+    """A recorded sequence of KITTI's tracking data: nothing about it can be chosen, no seed
+    changes it.
+
+    `root` is the folder of all recordings, `sequence` the name in them; `definition` is the file of
+    labels, beside it `calibration` and `poses`.
+    """
+
+    root: Path
+    sequence: str
+    calibration: Path
+    poses: Path
+
+    def _files(self) -> dict[str, Path]:
+        return {"labels": self.definition, "calibration": self.calibration, "poses": self.poses}
 
 
 MOTION_PARAMETERS: Mapping[MotionName, tuple[str, ...]] = {

@@ -1,7 +1,8 @@
 """Simulators and sensors: `simulate` makes a trace of a scenario, `detect` detections of a trace.
 
-`kitti_trace` and `kitti_detections` read recorded KITTI data into the same tables; `read_table` and
-`write_table` carry the tables to Parquet files and back.
+`kitti_trace` and `kitti_detections` read recorded KITTI data into the same tables; a scenario
+`kitti-0001` and a detector `recorded:pointrcnn` do so through `simulate` and `detect`. `read_table`
+and `write_table` carry the tables to Parquet files and back.
 """
 
 from sim_bridge.detect import detect
@@ -10,6 +11,7 @@ from sim_bridge.kitti_files import KittiError
 from sim_bridge.network_check import SimulationError
 from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import ProfileError, load_profile, profile_names
+from sim_bridge.recorded import check_detector, detector_name, is_recorded
 from sim_bridge.simulate import SeedRefused, check_inputs, simulate
 
 __all__ = [
@@ -17,8 +19,11 @@ __all__ = [
     "ProfileError",
     "SeedRefused",
     "SimulationError",
+    "check_detector",
     "check_inputs",
     "detect",
+    "detector_name",
+    "is_recorded",
     "kitti_detections",
     "kitti_trace",
     "load_profile",

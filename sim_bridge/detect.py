@@ -17,6 +17,7 @@ from scipy.special import expit
 from mdkf.tables import CLUTTER, Detections, FloatArray, IntArray, Trace
 from sim_bridge.profile import Correlation, Noise, Profile, load_profile
 from sim_bridge.randomness import stream
+from sim_bridge.recorded import is_recorded, recorded_detections
 
 _SMALLEST = 0.3
 """Smallest side of a reported box [m]: size noise must not turn a bicycle inside out."""
@@ -26,8 +27,11 @@ def detect(trace: Trace, detector: str | Path = "pointrcnn", seed: int = 0) -> D
     """The detections of a trace by the profile `detector` (a name or a YAML file).
 
     The same trace, profile and seed give the same bytes. `source` holds the objects' ids and
-    `CLUTTER` for false boxes. Raises `ProfileError` for a bad profile.
+    `CLUTTER` for false boxes. `recorded:NAME` are the recorded detections of a recorded trace, to
+    which the seed does nothing. Raises `ProfileError` for a bad profile.
     """
+    if is_recorded(detector):
+        return recorded_detections(trace, str(detector))
     profile = load_profile(detector)
     seed = operator.index(seed)
     key = (trace.provenance.get("identity", ""), trace.provenance.get("seed", ""), seed)

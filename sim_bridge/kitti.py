@@ -28,6 +28,7 @@ from mdkf.tables import (
     IntArray,
     Trace,
 )
+from scenarios.kitti import FRAME_TIME, SENSOR_HEIGHT
 from sim_bridge.kitti_files import (
     CameraBoxes,
     KittiError,
@@ -40,17 +41,13 @@ from sim_bridge.kitti_files import (
 )
 from sim_bridge.line_of_sight import CONTACT, visible_fractions
 
-SENSOR_HEIGHT = 1.73
-"""Height of KITTI's LiDAR above the road [m] (Geiger et al., 2013): the cameras are at 1.65 m, and
-by the calibration the LiDAR is 0.08 m above them."""
-
 GATE = 2.0
 """Distance on the ground at which a detection no longer belongs to a label [m]."""
 
 _DERIVATIVES = ("vx", "vy", "ax", "ay", "jx", "jy", "yaw_rate")
 
 
-def kitti_trace(root: str | Path, sequence: str, dt: float = 0.1) -> Trace:
+def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trace:
     """The labelled cars and vans of a recorded sequence, and the path of the LiDAR.
 
     root: the folder with `label_02`, `calib`, `pose` and the list of sequences; sequence: a name
@@ -102,7 +99,9 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = 0.1) -> Trace:
     return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
 
 
-def kitti_detections(root: str | Path, detector: str, sequence: str, dt: float = 0.1) -> Detections:
+def kitti_detections(
+    root: str | Path, detector: str, sequence: str, dt: float = FRAME_TIME
+) -> Detections:
     """The recorded detections of a sequence, in the world frame of its trace.
 
     detector: the name of a folder in `detections`; root, sequence and dt as for `kitti_trace`.

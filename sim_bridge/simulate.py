@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from mdkf.tables import KINDS, EgoPath, FloatArray, IntArray, Trace
-from scenarios import ClosedFormScenario, HighwayScenario, Scenario, SumoScenario
+from scenarios import (
+    ClosedFormScenario,
+    HighwayScenario,
+    KittiScenario,
+    Scenario,
+    SumoScenario,
+)
 from sim_bridge import highway, sumo
 from sim_bridge.bodies import MOTION, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
@@ -18,6 +24,7 @@ from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_mo
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
 from sim_bridge.overlap import first_overlap
+from sim_bridge.recorded import recorded_trace
 from sim_bridge.recording import Recording
 from sim_bridge.regimes import regimes, turning
 from sim_bridge.sumo import Accident
@@ -48,13 +55,17 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     """The trace of a scenario: every object but the ego vehicle, which carries the sensor.
 
     dt: time between frames [s], a multiple of 0.01; the motion is the same at every dt. Objects
-    are numbered by their names in the simulation, static ones after them.
+    are numbered by their names in the simulation, static ones after them. A recorded scenario has
+    its own dt and object ids, and is the same for every seed.
 
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
-    a seed in which the ego vehicle is not there all the time or two boxes overlap.
+    a seed in which the ego vehicle is not there all the time or two boxes overlap; `KittiError`
+    for recorded files that are malformed.
     """
-    stride = _stride(scenario, dt)
     seed = operator.index(seed)
+    if isinstance(scenario, KittiScenario):
+        return recorded_trace(scenario, seed, dt)
+    stride = _stride(scenario, dt)
     n_frames = round(scenario.duration / dt)
     ticks = np.arange(n_frames) * stride
     if isinstance(scenario, ClosedFormScenario):

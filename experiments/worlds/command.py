@@ -73,12 +73,13 @@ def _table(told: Description, seed: int) -> Table:
         title=f"seed {seed}, within 60 m of the sensor", title_justify="left", show_header=False
     )
     objects = ", ".join(f"{count} {kind}" for kind, count in told.objects.items()) or "none"
+    standing = "" if told.standing is None else f"; {told.standing} never move"
     regimes = [f"{share:.0%} {name.replace('_', ' ')}" for name, share in told.regimes.items()]
     hidden = [f"{count} of {length}" for length, count in told.occlusions.items() if count]
     for key, value in (
-        ("objects", f"{objects}; {told.standing} never move"),
+        ("objects", objects + standing),
         ("regimes, of the frames seen", ", ".join(regimes) or "none"),
-        ("turning", f"{told.turning:.0%}"),
+        ("turning", "–" if told.turning is None else f"{told.turning:.0%}"),
         ("occlusions, by frames", ", ".join(hidden) or "none"),
     ):
         table.add_row(escape(key), escape(value))

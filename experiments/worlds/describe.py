@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from experiments.population import SCORED_RANGE, SCORED_VISIBLE
-from mdkf.tables import KINDS, REGIMES, BoolArray, Trace
+from mdkf.tables import KINDS, REGIMES, UNKNOWN_REGIME, BoolArray, Trace
 
 LENGTHS = (5, 10, 20, 50)
 """Upper ends of the classes of an occlusion's length [frames]; longer ones are the last class."""
@@ -18,13 +18,14 @@ class Description:
     """What a trace holds within the range in which truth counts.
 
     objects: how many by kind, standing ones among them; regimes: shares of the rows that are seen;
-    turning: the share of those that turn; occlusions: how many by their length in frames.
+    turning: the share of those that turn; occlusions: how many by their length in frames. Who
+    stands or turns is None where nobody knows: labels have no derivatives.
     """
 
     objects: dict[str, int]
-    standing: int
+    standing: int | None
     regimes: dict[str, float]
-    turning: float
+    turning: float | None
     occlusions: dict[str, int]
 
 
@@ -40,15 +41,17 @@ def describe(trace: Trace) -> Description:
     kinds = Counter(KINDS[k] for k in trace.kind[near][first].tolist())
     moving = np.unique(trace.object_id[near & (np.hypot(trace.vx, trace.vy) > 0)])
     codes = trace.regime[seen]
+    known = bool((trace.regime[near] != UNKNOWN_REGIME).all())
+    turning = float(trace.turning[seen].mean()) if len(codes) else 0.0
     return Description(
         objects={kind: kinds[kind] for kind in KINDS if kinds[kind]},
-        standing=len(ids) - len(moving),
+        standing=len(ids) - len(moving) if known else None,
         regimes={
             name: float((codes == code).mean()) if len(codes) else 0.0
             for code, name in enumerate(REGIMES)
             if (codes == code).any()
         },
-        turning=float(trace.turning[seen].mean()) if len(codes) else 0.0,
+        turning=turning if known else None,
         occlusions=_by_length(occlusion_lengths(trace, near, seen)),
     )
 

@@ -23,8 +23,9 @@ def one_line_error(name: str | Path, /, **parameters: object) -> str:
     return message
 
 
-def test_the_catalogue_lists_its_scenarios() -> None:
-    """`scenarios.list()` gives the names under which `load` finds them."""
+def test_the_catalogue_lists_its_scenarios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`scenarios.list()` gives the names under which `load` finds them, here without recordings."""
+    monkeypatch.setenv("MDKF_KITTI", str(tmp_path))
     assert set(scenarios.list()) == {
         *("bus_stop", "emergency_braking", "green_wave", "off_scene", "parked_row", "roundabout"),
         *("stop_and_go", "merge", "motorway", "stop_and_go_wave", "brake_to_standstill", "circle"),
