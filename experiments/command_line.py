@@ -26,10 +26,11 @@ from experiments import run as runs
 from experiments import terminal
 from experiments.bench.command import bench
 from experiments.occlusion import OcclusionProtocol
-from experiments.options import Json, busy
+from experiments.options import Json, NoCache, busy, simulated
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score import score as score_tracks
+from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
 
@@ -137,6 +138,7 @@ def run(
     workers: Annotated[
         int | None, typer.Option(help="Processes; all cores if not given.", min=1)
     ] = None,
+    no_cache: NoCache = False,
     as_json: Json = False,
 ) -> None:
     """Simulate, detect, occlude, track with each filter, score: a table and a report."""
@@ -148,6 +150,7 @@ def run(
         settings=_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=_occlusion(occlusion),
         gap_truth=_gap_truth(gap_truth),
+        cache=None if no_cache else sim_bridge.user_cache(),
     )
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
@@ -186,10 +189,11 @@ def simulate(
     seed: Seed = 0,
     parameters: Setting = None,
     dt: Annotated[float, typer.Option(help="Time between frames in seconds.")] = 0.1,
+    no_cache: NoCache = False,
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
     with busy(f"simulating {name}"):
-        trace = sim_bridge.simulate(scenarios.load(name, **_parameters(parameters)), seed, dt)
+        trace = simulated(scenarios.load(name, **_parameters(parameters)), seed, no_cache, dt)
     _write(trace, out)
 
 
@@ -251,6 +255,7 @@ def score(
 app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop --picture bus_stop.png")(
     list_scenarios
 )
+app.command(name="cache", epilog="Example: mdkf cache --clear")(show_cache)
 app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 

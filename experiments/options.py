@@ -1,4 +1,4 @@
-"""What several commands share: options, and a spinner while one works."""
+"""What several commands share: options, a spinner while one works, and simulated worlds."""
 
 from contextlib import nullcontext
 from typing import Annotated, Any
@@ -6,7 +6,22 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+import sim_bridge
+from mdkf import Trace
+from scenarios import Scenario
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+
+NoCache = Annotated[
+    bool, typer.Option("--no-cache", help="Simulate anew, and keep nothing for the next time.")
+]
+
+
+def simulated(scenario: Scenario, seed: int, no_cache: bool, dt: float = 0.1) -> Trace:
+    """A world, from the user's cache if it is there and may be."""
+    cache = None if no_cache else sim_bridge.user_cache()
+    make = sim_bridge.simulate if cache is None else cache.simulate
+    return make(scenario, seed, dt)
 
 
 def busy(what: str) -> Any:

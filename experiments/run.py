@@ -31,7 +31,7 @@ from experiments.statistics import mean_interval
 from experiments.warm_up import compile_sensing, compile_tracking
 from experiments.world import Outcome, World, run_world
 from scenarios import Scenario
-from sim_bridge import check_detector, check_inputs, is_recorded
+from sim_bridge import TraceCache, check_detector, check_inputs, is_recorded
 from sim_bridge.parquet import write_frame
 
 SCENARIOS = ("bus_stop", "stop_and_go")
@@ -58,7 +58,8 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class Plan:
-    """All that decides the results of a run."""
+    """All that decides the results of a run, and where its simulated worlds are kept, if they are:
+    `cache` decides how long it takes, and no number."""
 
     scenarios: tuple[Scenario, ...]
     seeds: tuple[int, ...]
@@ -67,11 +68,12 @@ class Plan:
     settings: str
     occlusion: OcclusionProtocol
     gap_truth: GapTruth = "keep"
+    cache: TraceCache | None = None
 
     def world(self, scenario: Scenario, seed: int, keep: Path | None) -> World:
         """One world of the plan; `keep` is where its tables are kept, if they are."""
         rules = (self.filters, self.detector, self.settings, self.occlusion, self.gap_truth)
-        return World(scenario, seed, *rules, keep=keep)
+        return World(scenario, seed, *rules, keep=keep, cache=self.cache)
 
     def worlds(self, out: Path) -> list[World]:
         """One world for each seed and scenario; the first of each scenario keeps its tables.

@@ -18,14 +18,15 @@ from experiments.population import GapTruth
 from experiments.score import score
 from mdkf import DETECTORS, Detections, Tracker, Tracks, estimator
 from scenarios import Scenario
-from sim_bridge import SeedRefused, detect, simulate, write_table
+from sim_bridge import SeedRefused, TraceCache, detect, simulate, write_table
 
 
 @dataclass(frozen=True)
 class World:
     """What to do: simulate `scenario` with `seed`, detect, occlude, track with each of `filters`.
 
-    settings: name of the tracker's settings. keep: folder for the world's tables, or None.
+    settings: name of the tracker's settings. keep: folder for the world's tables, or None. cache:
+    where its trace may be from, or None.
     """
 
     scenario: Scenario
@@ -36,6 +37,7 @@ class World:
     occlusion: OcclusionProtocol
     gap_truth: GapTruth = "keep"
     keep: Path | None = None
+    cache: TraceCache | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ def run_world(world: World) -> Outcome:
     """
     name, seed = world.scenario.name, world.seed
     try:
-        trace = simulate(world.scenario, seed)
+        make = simulate if world.cache is None else world.cache.simulate
+        trace = make(world.scenario, seed)
     except SeedRefused as refusal:
         return Outcome(name, seed, refused=str(refusal))
     detections = detect(trace, world.detector, seed)

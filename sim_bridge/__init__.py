@@ -2,7 +2,8 @@
 
 `kitti_trace` and `kitti_detections` read recorded KITTI data into the same tables; a scenario
 `kitti-0001` and a detector `recorded:pointrcnn` do so through `simulate` and `detect`. `read_table`
-and `write_table` carry the tables to Parquet files and back.
+and `write_table` carry the tables to Parquet files and back; a `TraceCache` simulates only what it
+does not have.
 """
 
 from sim_bridge.detect import detect
@@ -13,12 +14,14 @@ from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import ProfileError, load_profile, profile_names
 from sim_bridge.recorded import check_detector, detector_name, is_recorded
 from sim_bridge.simulate import SeedRefused, check_inputs, simulate
+from sim_bridge.trace_cache import TraceCache, user_cache
 
 __all__ = [
     "KittiError",
     "ProfileError",
     "SeedRefused",
     "SimulationError",
+    "TraceCache",
     "check_detector",
     "check_inputs",
     "detect",
@@ -30,5 +33,6 @@ __all__ = [
     "profile_names",
     "read_table",
     "simulate",
+    "user_cache",
     "write_table",
 ]

@@ -125,6 +125,8 @@ def _read(path: Path) -> tuple[Mapping[str, Any], pl.DataFrame]:
     required = {"table", "schema", "n_frames", "dt", "content_hash", "provenance"}
     if not isinstance(header, dict) or not required <= header.keys():
         raise TableError(f"{path}: mdkf's header is incomplete, expected {sorted(required)}")
+    if not isinstance(header["provenance"], dict):
+        raise TableError(f"{path}: the provenance in mdkf's header is no mapping of names")
     return header, data
 
 

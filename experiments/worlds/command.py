@@ -11,9 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 import scenarios
-import sim_bridge
 from experiments import terminal
-from experiments.options import Json, busy
+from experiments.options import Json, NoCache, busy, simulated
 from experiments.worlds.describe import Description, describe
 from experiments.worlds.figure import world_figure
 from sim_bridge.parquet import replacing
@@ -29,6 +28,7 @@ def list_scenarios(
     picture: Annotated[
         Path | None, typer.Option(help="PNG file to draw it into.", dir_okay=False)
     ] = None,
+    no_cache: NoCache = False,
     as_json: Json = False,
 ) -> None:
     """List the scenarios, or describe one: parameters, objects, regimes, natural occlusions."""
@@ -43,7 +43,7 @@ def list_scenarios(
         return
     scenario = scenarios.load(name)
     with busy(f"simulating {scenario.name}"):
-        trace = sim_bridge.simulate(scenario, seed)
+        trace = simulated(scenario, seed, no_cache)
     told = describe(trace)
     if picture is not None:
         with replacing(picture) as temporary:

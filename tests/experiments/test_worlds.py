@@ -11,7 +11,7 @@ import sim_bridge
 from experiments.worlds.describe import describe, occlusion_lengths
 from experiments.worlds.figure import world_figure
 from mdkf import REGIMES, Trace
-from tests.experiments.commands import Mdkf, assert_refused
+from tests.experiments.commands import Mdkf, assert_refused, shortened
 
 
 def world(visible: list[float], distance: float = 20.0) -> Trace:
@@ -106,3 +106,43 @@ def test_a_picture_needs_a_name(mdkf_command: Mdkf, tmp_path: Path) -> None:
     """The catalogue itself cannot be drawn."""
     picture = tmp_path / "all.png"
     assert_refused(mdkf_command("scenarios", "--picture", str(picture)), tmp_path, "--picture")
+
+
+def test_the_cache_changes_no_byte(
+    mdkf_command: Mdkf, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """`simulate`, `scenarios` and `run` with a cold, a warm and no cache; `mdkf cache` tells what
+    is kept, and clears it."""
+    monkeypatch.setenv("MDKF_CACHE", str(tmp_path / "kept"))
+    own = shortened(tmp_path / "own")
+    files, answers, tables = [], [], []
+    run = ("run", own, "--seeds", 1, "--filters", "ca", "--workers", 1)
+    for name, option in (("cold", ()), ("warm", ()), ("none", ("--no-cache",))):
+        out = tmp_path / f"{name}.parquet"
+        assert mdkf_command("simulate", own, "--out", out, *option).status == 0
+        files.append(out.read_bytes())
+        answers.append(mdkf_command("scenarios", own, "--json", *option).out)
+        assert mdkf_command(*run, "--out", tmp_path / name, *option).status == 0
+        tables.append((tmp_path / name / "worlds" / "bus_stop-0" / "trace.parquet").read_bytes())
+    assert set(files) == set(tables)
+    assert len(set(files)) == len(set(answers)) == 1
+    told = json.loads(mdkf_command("cache", "--json").out)
+    assert told["folder"] == str(tmp_path / "kept" / "traces")
+    assert (told["traces"], told["bytes"]) == (1, len(files[0]))
+    assert "1 traces" in mdkf_command("cache").out
+    assert json.loads(mdkf_command("cache", "--clear", "--json").out)["traces"] == 0
+    monkeypatch.setenv("MDKF_CACHE", "off")
+    assert json.loads(mdkf_command("cache", "--clear", "--json").out)["folder"] is None
+    assert "no cache" in mdkf_command("cache").out
+
+
+def test_without_the_cache_nothing_is_kept_or_read(
+    mdkf_command: Mdkf, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """`--no-cache` leaves the folder alone in all three commands."""
+    monkeypatch.setenv("MDKF_CACHE", str(tmp_path / "kept"))
+    own = shortened(tmp_path / "own")
+    run = ("run", own, "--seeds", 1, "--filters", "ca", "--workers", 1)
+    for command in (("simulate", own, "--out", "t.parquet"), ("scenarios", own), run):
+        assert mdkf_command(*command, "--no-cache").status == 0
+    assert not (tmp_path / "kept").exists()
