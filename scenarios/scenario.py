@@ -14,7 +14,9 @@ from typing import ClassVar, Literal
 Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
 Source = Literal["sumo", "highway-env", "closed-form", "kitti"]
 Kinematics = Literal["smooth", "raw"]
-MotionName = Literal["polynomial", "speed_change", "circle", "lane_change", "journey"]
+MotionName = Literal[
+    "polynomial", "speed_change", "circle", "lane_change", "journey", "passing_bus"
+]
 
 
 class ScenarioError(ValueError):
@@ -168,7 +170,7 @@ class HighwayScenario(Scenario):
 
 @dataclass(frozen=True, slots=True)
 class ClosedFormScenario(Scenario):
-    """One car that moves by a formula, seen by a sensor that stands at the origin.
+    """What moves by a formula, seen by a sensor that stands at the origin.
 
     `motion` is the formula's name; the parameters are its own (`sim_bridge.closed_form`).
     """
@@ -197,14 +199,17 @@ class KittiScenario(Scenario):
         return {"labels": self.definition, "calibration": self.calibration, "poses": self.poses}
 
 
+_START = ("x", "y", "heading")
+
 MOTION_PARAMETERS: Mapping[MotionName, tuple[str, ...]] = {
-    "polynomial": ("speed", "acceleration", "jerk"),
-    "speed_change": ("speed", "target", "begin", "acceleration", "jerk"),
-    "circle": ("speed", "radius"),
-    "lane_change": ("speed", "begin", "change", "width"),
-    "journey": ("speed", "acceleration", "jerk", "pause"),
+    "polynomial": (*_START, "speed", "acceleration", "jerk"),
+    "speed_change": (*_START, "speed", "target", "begin", "acceleration", "jerk"),
+    "circle": (*_START, "speed", "radius"),
+    "lane_change": (*_START, "speed", "begin", "change", "width"),
+    "journey": (*_START, "speed", "acceleration", "jerk", "pause"),
+    "passing_bus": ("bus_speed", "bus_length", "bus_distance", "car_speed", "car_distance"),
 }
-"""What each motion needs besides `x`, `y` [m], where the car starts, and `heading` [rad]."""
+"""What each motion takes; `x`, `y` [m] and `heading` [rad] are where one car starts."""
 
 
 def format_number(value: float) -> str:

@@ -90,7 +90,7 @@ class ClosedFormSettings(ScenarioSettings):
 
     @model_validator(mode="after")
     def _has_the_motions_parameters(self) -> "ClosedFormSettings":
-        needed = {"x", "y", "heading", *MOTION_PARAMETERS[self.motion]}
+        needed = set(MOTION_PARAMETERS[self.motion])
         if needed != set(self.parameters):
             raise ValueError(
                 f"motion {self.motion} takes the parameters {', '.join(sorted(needed))}, found"

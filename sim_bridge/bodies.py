@@ -27,7 +27,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Everything on the road within a trace's frames.
+    """What a source puts on the road within a trace's frames.
 
     others: every object but the ego vehicle, in the order of their ids; ego: the body that carries
     the sensor, its frames from the first on; simulator: what made it, with its version.

@@ -1,63 +1,105 @@
-"""Motions by formula: one car whose truth is exact to rounding, for tests and Monte Carlo.
+"""Motions by formula: one car, or a bus that hides one, for tests and Monte Carlo.
 
-Every motion is a distance s(t) along a path, with its first three derivatives. Changes of speed are
-made of stretches of constant jerk, s''' = const, so that s, s' and s'' are continuous.
+Every motion is a distance s(t) along a path, with its first three derivatives: truth exact to
+rounding. Changes of speed are made of stretches of constant jerk (`sim_bridge.stretches`).
 """
 
 from collections.abc import Callable, Mapping
-from itertools import accumulate
+from dataclasses import dataclass
 
 import numpy as np
 
-from mdkf.tables import FloatArray
+from mdkf.tables import FloatArray, IntArray
 from scenarios import ClosedFormScenario
-from sim_bridge.bodies import Body, World, at_rest, static_bodies
-from sim_bridge.kinematics import INTEGRATION_STEP, Motion, motion_of
+from sim_bridge.bodies import Body, World, at_rest
+from sim_bridge.kinematics import INTEGRATION_STEP
 from sim_bridge.network_check import SimulationError
 from sim_bridge.randomness import stream
+from sim_bridge.stretches import Local, Stretch, placed, straight, stretches_between
 
 CAR = (4.5, 1.8, 1.5)
-"""Length, width and height of the car and of the one that carries the sensor [m]."""
+"""Length, width and height of a car and of the one that carries the sensor [m]."""
+
+BUS_SECTION = (2.55, 3.2)
+"""Width and height of a bus [m]."""
 
 Parameters = Mapping[str, float]
-Stretch = tuple[float, float]
-"""A duration [s] and the jerk that acts in it [m/s3]."""
-
-State = tuple[float, float, float, float]
-"""Time [s], distance [m], speed [m/s], acceleration [m/s2]."""
 
 
-def closed_form_world(scenario: ClosedFormScenario, seed: int, ticks: np.ndarray) -> World:
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """What moves by a formula: kind, length, width, height [m]; x, y [m] and heading [rad] of its
+    start, and its motion from there."""
+
+    kind: str
+    size: tuple[float, float, float]
+    start: tuple[float, float, float]
+    local: Local
+
+
+def closed_form_world(scenario: ClosedFormScenario, seed: int, ticks: IntArray) -> World:
     """The world of a scenario at ticks (n,), multiples of `INTEGRATION_STEP`."""
-    t = ticks * INTEGRATION_STEP
-    given = scenario.parameters
+    t = ticks.astype(np.float64) * INTEGRATION_STEP
+    given, duration = scenario.parameters, scenario.duration
+    if scenario.motion == "passing_bus":
+        movers = _passing_bus(t, given, duration)
+    else:
+        start = given["x"], given["y"], given["heading"]
+        movers = [Mover("car", CAR, start, _MOTIONS[scenario.motion](t, given, duration, seed))]
+    for mover in movers:
+        _refuse_backwards(scenario.name, mover, t)
+    bodies = [
+        Body(m.kind, m.kind, *m.size, motion=placed(ticks, m.local, *m.start)) for m in movers
+    ]
     ego = Body("ego", "car", *CAR, motion=at_rest(ticks, 0.0, 0.0, 0.0))
-    pose, derivatives = _MOTIONS[scenario.motion](t, given, scenario.duration, seed)
+    return World(bodies, ego, "closed form")
+
+
+def _refuse_backwards(name: str, mover: Mover, t: FloatArray) -> None:
+    pose, derivatives = mover.local
     ahead = np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
     backwards = np.flatnonzero((derivatives[:, 0] * ahead).sum(axis=1) < 0.0)
     if len(backwards):
         raise SimulationError(
-            f"{scenario.name}: the car drives backwards from {t[backwards[0]]:.1f} s on; brake"
+            f"{name}: the {mover.kind} drives backwards from {t[backwards[0]]:.1f} s on; brake"
             " less, or for a shorter time"
         )
-    motion = _placed(ticks, pose, derivatives, given)
-    car = Body("car", "car", *CAR, motion=motion)
-    return World([car, *static_bodies(scenario.statics, ticks)], ego, "closed form")
 
 
-Local = tuple[FloatArray, FloatArray]
-"""Position and yaw (n, 3) in the frame of the start, and velocity, acceleration, jerk (n, 3, 2)."""
+def _passing_bus(t: FloatArray, given: Parameters, duration: float) -> list[Mover]:
+    """A bus and a car beyond it on parallel lines y = Y and y = y_c, seen from the origin, both at
+    x = 0 when half the time is over.
+
+    With near sides at Y' and y_c' and speeds V and v (v < 0: against the bus), the bus of
+    length L hides the car of length l wholly for (L / Y' - l / y_c') / |V / Y' - v / y_c'|:
+    apparent length over apparent speed, as long as x = 0 lies within both.
+    """
+    bus = (given["bus_length"], *BUS_SECTION)
+    return [
+        _cruising(t, "bus", bus, given["bus_speed"], given["bus_distance"], duration / 2),
+        _cruising(t, "car", CAR, given["car_speed"], given["car_distance"], duration / 2),
+    ]
+
+
+def _cruising(
+    t: FloatArray, kind: str, size: tuple[float, float, float], speed: float, y: float, half: float
+) -> Mover:
+    """Along the line y [m] at constant speed [m/s], at x = 0 at `half` [s]."""
+    heading = np.pi if speed < 0 else 0.0
+    return Mover(kind, size, (-speed * half, y, heading), straight(t, [], abs(speed), 0.0))
 
 
 def _polynomial(t: FloatArray, given: Parameters, duration: float, seed: int) -> Local:
     """s = v t + a t^2 / 2 + j t^3 / 6."""
-    return _straight(t, [(duration, given["jerk"])], given["speed"], given["acceleration"])
+    return straight(t, [(duration, given["jerk"])], given["speed"], given["acceleration"])
 
 
 def _speed_change(t: FloatArray, given: Parameters, duration: float, seed: int) -> Local:
     """From `speed` to `target`, beginning at `begin`, within the given acceleration and jerk."""
-    change = _change(given["speed"], given["target"], given["acceleration"], given["jerk"])
-    return _straight(t, [(given["begin"], 0.0), *change], given["speed"], 0.0)
+    change = stretches_between(
+        given["speed"], given["target"], given["acceleration"], given["jerk"]
+    )
+    return straight(t, [(given["begin"], 0.0), *change], given["speed"], 0.0)
 
 
 def _journey(t: FloatArray, given: Parameters, duration: float, seed: int) -> Local:
@@ -73,9 +115,9 @@ def _journey(t: FloatArray, given: Parameters, duration: float, seed: int) -> Lo
     while sum(length for length, _ in stretches) < duration:
         target = draw()
         stretches.append((float(rng.exponential(given["pause"])), 0.0))
-        stretches += _change(speed, target, given["acceleration"], given["jerk"])
+        stretches += stretches_between(speed, target, given["acceleration"], given["jerk"])
         speed = target
-    return _straight(t, stretches, start, 0.0)
+    return straight(t, stretches, start, 0.0)
 
 
 def _circle(t: FloatArray, given: Parameters, duration: float, seed: int) -> Local:
@@ -109,56 +151,3 @@ _MOTIONS: Mapping[str, Callable[[FloatArray, Parameters, float, int], Local]] = 
     "lane_change": _lane_change,
     "journey": _journey,
 }
-
-
-def _change(speed: float, target: float, acceleration: float, jerk: float) -> list[Stretch]:
-    """Stretches from one speed to another: jerk, constant acceleration, the opposite jerk."""
-    difference = abs(target - speed)
-    ramp = min(acceleration / jerk, float(np.sqrt(difference / jerk)))
-    if ramp == 0.0:
-        return []
-    hold = max(difference / (jerk * ramp) - ramp, 0.0)
-    sign = 1.0 if target > speed else -1.0
-    return [(ramp, sign * jerk), (hold, 0.0), (ramp, -sign * jerk)]
-
-
-def _straight(t: FloatArray, stretches: list[Stretch], speed: float, acceleration: float) -> Local:
-    """Along x through stretches of constant jerk; after the last, at constant velocity."""
-    knots = list(accumulate(stretches, _after, initial=(0.0, 0.0, speed, acceleration)))
-    jerks = np.array([jerk for _, jerk in stretches] + [0.0])
-    times = np.array([knot[0] for knot in knots])
-    # A time within the last stretch belongs to it although a rounding may say otherwise.
-    place = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(knots) - 1)
-    _, s, v, a = np.array(knots)[place].T
-    j, dt = jerks[place], t - times[place]
-    zero = np.zeros(len(t))
-    distance = s + dt * (v + dt * (a / 2 + dt * j / 6))
-    along = [v + dt * (a + dt * j / 2), a + dt * j, j]
-    pose = np.column_stack([distance, zero, zero])
-    return pose, np.stack([np.column_stack([value, zero]) for value in along], axis=1)
-
-
-def _after(state: State, stretch: Stretch) -> State:
-    """The state at the end of a stretch."""
-    time, s, v, a = state
-    dt, j = stretch
-    # Rounding must not leave a stopped car with a speed of 1e-16 m/s, nor with an acceleration.
-    v_end, a_end = v + dt * (a + dt * j / 2), a + dt * j
-    v_end, a_end = (0.0 if abs(value) < 1e-12 else value for value in (v_end, a_end))
-    return time + dt, s + dt * (v + dt * (a / 2 + dt * j / 6)), v_end, a_end
-
-
-def _placed(
-    ticks: np.ndarray, pose: FloatArray, derivatives: FloatArray, given: Parameters
-) -> Motion:
-    """A motion turned to the heading and moved to the start."""
-    cosine, sine = np.cos(given["heading"]), np.sin(given["heading"])
-    turn = np.array([[cosine, -sine], [sine, cosine]])
-    centre = pose[:, :2] @ turn.T + [given["x"], given["y"]]
-    v, a, j = (derivatives[:, d] @ turn.T for d in range(3))
-    squared = (v**2).sum(axis=1)
-    cross = v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]
-    rate = np.divide(cross, squared, out=np.zeros(len(v)), where=squared > 0)
-    heading = given["heading"] + pose[:, 2]
-    yaw = np.arctan2(np.sin(heading), np.cos(heading))
-    return motion_of(ticks, centre, yaw, v, a, j, rate)

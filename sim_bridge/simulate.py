@@ -4,7 +4,7 @@ import hashlib
 import json
 import operator
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -73,6 +73,7 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     else:
         assert isinstance(scenario, SumoScenario | HighwayScenario)
         world = _simulated_world(scenario, seed, stride, ticks)
+    world = replace(world, others=[*world.others, *static_bodies(scenario.statics, ticks)])
     provenance = {
         "scenario": scenario.name,
         "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
@@ -115,7 +116,7 @@ def _simulated_world(scenario: Simulated, seed: int, stride: int, ticks: IntArra
             f" for all {scenario.duration:g} s"
         )
     others = [body for body in bodies if body.name != scenario.ego]
-    return World([*others, *static_bodies(scenario.statics, ticks)], egos[0], recording.simulator)
+    return World(others, egos[0], recording.simulator)
 
 
 def _stride(scenario: Scenario, dt: float) -> int:
