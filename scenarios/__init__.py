@@ -10,10 +10,12 @@ from scenarios.scenario import (
     HighwayScenario,
     KittiScenario,
     ParameterSpec,
+    Pause,
     Scenario,
     ScenarioError,
     StaticBox,
     SumoScenario,
+    Walker,
 )
 
 __all__ = [
@@ -21,10 +23,12 @@ __all__ = [
     "HighwayScenario",
     "KittiScenario",
     "ParameterSpec",
+    "Pause",
     "Scenario",
     "ScenarioError",
     "StaticBox",
     "SumoScenario",
+    "Walker",
     "list",
     "load",
 ]

@@ -17,10 +17,12 @@ from scenarios.scenario import (
     ClosedFormScenario,
     HighwayScenario,
     ParameterSpec,
+    Pause,
     Scenario,
     ScenarioError,
     StaticBox,
     SumoScenario,
+    Walker,
     format_number,
 )
 from scenarios.schema import (
@@ -67,6 +69,7 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
         "duration": settings.duration,
         "sensor_height": settings.sensor_height,
         "statics": _static_boxes(settings),
+        "walkers": _walkers(settings),
         "definition": path,
     }
     if isinstance(settings, ClosedFormSettings):
@@ -125,6 +128,20 @@ def _beside(definition: Path, key: str, file_name: str) -> Path:
 
 def _static_boxes(settings: ScenarioSettings) -> tuple[StaticBox, ...]:
     return tuple(StaticBox(**dict(static)) for static in settings.statics)
+
+
+def _walkers(settings: ScenarioSettings) -> tuple[Walker, ...]:
+    return tuple(
+        Walker(
+            path=tuple((x, y) for x, y in walker.path),
+            speed=walker.speed,
+            speed_spread=walker.speed_spread,
+            start=walker.start,
+            start_spread=walker.start_spread,
+            pauses=tuple(Pause(**dict(pause)) for pause in walker.pauses),
+        )
+        for walker in settings.walkers
+    )
 
 
 def _choose(

@@ -60,6 +60,7 @@ def kitti_scenario(name: str) -> KittiScenario:
         duration=round(_lines(poses) * FRAME_TIME, 9),
         sensor_height=SENSOR_HEIGHT,
         statics=(),
+        walkers=(),
         definition=labels,
         root=root,
         sequence=sequence,

@@ -53,13 +53,39 @@ class StaticBox:
 
 
 @dataclass(frozen=True, slots=True)
+class Pause:
+    """Where a walker stands for a while: `after` so far along its path [m], for `duration` [s],
+    which a seed changes by at most `duration_spread` [s]."""
+
+    after: float
+    duration: float
+    duration_spread: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Walker:
+    """A pedestrian that walks along a `path` of points x, y [m] and stands before and after it.
+
+    It sets out at `start` [s] (negative: before the recording) and walks at `speed` [m/s]; a seed
+    changes both by at most their spreads. It stops at corners to turn, and for its `pauses`.
+    """
+
+    path: tuple[tuple[float, float], ...]
+    speed: float
+    speed_spread: float = 0.0
+    start: float = 0.0
+    start_spread: float = 0.0
+    pauses: tuple[Pause, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """What happens on the road: all that determines a trace together with a seed.
 
     `parameters` are the values in use; `duration` [s] is what is recorded; the sensor is carried
-    at `sensor_height` [m]; `statics` never move and belong to the bridge; `definition` is the YAML
-    file. What else there is depends on the source: `SumoScenario`, `HighwayScenario`,
-    `ClosedFormScenario`, `KittiScenario`.
+    at `sensor_height` [m]; `statics`, which never move, and `walkers` belong to the bridge;
+    `definition` is the YAML file. What else there is depends on the source: `SumoScenario`,
+    `HighwayScenario`, `ClosedFormScenario`, `KittiScenario`.
     """
 
     name: str
@@ -70,6 +96,7 @@ class Scenario:
     duration: float
     sensor_height: float
     statics: tuple[StaticBox, ...]
+    walkers: tuple[Walker, ...]
     definition: Path
 
     def identity(self) -> str:
@@ -88,6 +115,8 @@ class Scenario:
             "files": {key: _sha256(path) for key, path in self._files().items()},
             **self._particulars(),
         }
+        if self.walkers:  # a scenario without any is what it was before there were walkers
+            document["walkers"] = [asdict(walker) for walker in self.walkers]
         return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
     def _files(self) -> dict[str, Path]:
@@ -105,7 +134,7 @@ class SumoScenario(Scenario):
     It runs for `warmup` [s] before the recording; `network` is a SUMO network; `routes` is a
     template of a SUMO route file, filled in by `route_xml`; `ego` is the vehicle whose roof
     carries the sensor; `kinematics` says whether motion is smoothed or SUMO's own numbers are
-    kept. SUMO knows nothing of the statics.
+    kept. SUMO knows nothing of the statics and the walkers.
     """
 
     warmup: float
@@ -146,7 +175,7 @@ class HighwayScenario(Scenario):
     It runs for `warmup` [s] before the recording; `environment` is the id under which gymnasium
     knows the environment; `config` holds its fixed settings; `ego` names the controlled vehicle,
     whose roof carries the sensor. Motion is always smoothed. highway-env knows nothing of the
-    statics.
+    statics and the walkers.
     """
 
     warmup: float

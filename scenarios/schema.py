@@ -1,6 +1,8 @@
 """What a scenario's YAML file may say: keys, units, bounds."""
 
 from collections.abc import Mapping
+from itertools import pairwise
+from math import dist
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
@@ -12,6 +14,11 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)
 _Line = Annotated[str, Field(pattern=r"^[^\r\n]+$", max_length=300)]
 _Length = Annotated[float, Field(gt=0, le=100)]  # m
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # m
+_Point = Annotated[list[_Coordinate], Field(min_length=2, max_length=2)]
+_Seconds = Annotated[float, Field(ge=0, le=3600)]
+
+SLOWEST = 0.1
+"""Slowest walk [m/s]."""
 
 
 class ParameterSettings(Settings):
@@ -45,6 +52,46 @@ class StaticSettings(Settings):
     height: _Length
 
 
+class PauseSettings(Settings):
+    """One entry under a walker's `pauses`; the rules of `scenarios.Pause`."""
+
+    after: Annotated[float, Field(gt=0, le=1e5)]
+    duration: _Seconds
+    duration_spread: _Seconds = 0.0
+
+    @model_validator(mode="after")
+    def _stands_at_all(self) -> "PauseSettings":
+        if self.duration_spread > self.duration:
+            raise ValueError("duration_spread must be at most the duration")
+        return self
+
+
+class WalkerSettings(Settings):
+    """One entry under `walkers`; the rules of `scenarios.Walker`."""
+
+    path: Annotated[list[_Point], Field(min_length=2, max_length=1000)]
+    speed: Annotated[float, Field(ge=SLOWEST, le=4)]
+    speed_spread: Annotated[float, Field(ge=0, le=4)] = 0.0
+    start: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
+    start_spread: _Seconds = 0.0
+    pauses: list[PauseSettings] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _is_a_walk(self) -> "WalkerSettings":
+        steps = [dist(a, b) for a, b in pairwise(self.path)]
+        if 0.0 in steps:
+            place = self.path[steps.index(0.0)]
+            raise ValueError(f"the path has {place} twice in a row; its points must differ")
+        if self.speed - self.speed_spread < SLOWEST:
+            raise ValueError(f"speed - speed_spread must be at least {SLOWEST} m/s")
+        stops = [0.0, *(pause.after for pause in self.pauses), sum(steps)]
+        if any(b <= a for a, b in pairwise(stops)):
+            raise ValueError(
+                f"pauses must come one after another within the path's {sum(steps):g} m"
+            )
+        return self
+
+
 class ScenarioSettings(Settings):
     """What every scenario file says; times in seconds."""
 
@@ -55,6 +102,7 @@ class ScenarioSettings(Settings):
     sensor_height: Annotated[float, Field(gt=0, le=10)] = 1.73
     parameters: dict[_Name, ParameterSettings] = Field(default_factory=dict)
     statics: list[StaticSettings] = Field(default_factory=list)
+    walkers: list[WalkerSettings] = Field(default_factory=list)
 
 
 class SumoSettings(ScenarioSettings):

@@ -15,7 +15,7 @@ from sim_bridge.bodies import Body, World, at_rest
 from sim_bridge.kinematics import INTEGRATION_STEP
 from sim_bridge.network_check import SimulationError
 from sim_bridge.randomness import stream
-from sim_bridge.stretches import Local, Stretch, placed, straight, stretches_between
+from sim_bridge.stretches import BLEND, Local, Stretch, placed, straight, stretches_between
 
 CAR = (4.5, 1.8, 1.5)
 """Length, width and height of a car and of the one that carries the sensor [m]."""
@@ -132,10 +132,9 @@ def _circle(t: FloatArray, given: Parameters, duration: float, seed: int) -> Loc
 
 
 def _lane_change(t: FloatArray, given: Parameters, duration: float, seed: int) -> Local:
-    """x = v t; y = width (35 u^4 - 84 u^5 + 70 u^6 - 20 u^7), u = (t - begin) / change in [0, 1]:
-    the polynomial of degree 7 whose first three derivatives are 0 at both ends."""
+    """x = v t; y = width `BLEND`(u), u = (t - begin) / change in [0, 1]."""
     u = np.clip((t - given["begin"]) / given["change"], 0.0, 1.0)
-    blend = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20]) * given["width"]
+    blend = BLEND * given["width"]
     y, vy, ay, jy = ((blend.deriv(d) if d else blend)(u) / given["change"] ** d for d in range(4))
     vx = np.full(len(t), given["speed"])
     zero = np.zeros(len(t))

@@ -28,6 +28,7 @@ from sim_bridge.recorded import recorded_trace
 from sim_bridge.recording import Recording
 from sim_bridge.regimes import regimes, turning
 from sim_bridge.sumo import Accident
+from sim_bridge.walkers import walkers
 
 
 class SeedRefused(SimulationError):
@@ -55,8 +56,8 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     """The trace of a scenario: every object but the ego vehicle, which carries the sensor.
 
     dt: time between frames [s], a multiple of 0.01; the motion is the same at every dt. Objects
-    are numbered by their names in the simulation, static ones after them. A recorded scenario has
-    its own dt and object ids, and is the same for every seed.
+    are numbered by their names in the simulation, static ones and walkers after them. A recorded
+    scenario has its own dt and object ids, and is the same for every seed.
 
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
     a seed in which the ego vehicle is not there all the time or two boxes overlap; `KittiError`
@@ -73,7 +74,8 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     else:
         assert isinstance(scenario, SumoScenario | HighwayScenario)
         world = _simulated_world(scenario, seed, stride, ticks)
-    world = replace(world, others=[*world.others, *static_bodies(scenario.statics, ticks)])
+    statics = static_bodies(scenario.statics, ticks)
+    world = replace(world, others=[*world.others, *statics, *walkers(scenario, seed, ticks)])
     provenance = {
         "scenario": scenario.name,
         "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),

@@ -20,6 +20,10 @@ State = tuple[float, float, float, float]
 Local = tuple[FloatArray, FloatArray]
 """Position and yaw (n, 3) in the frame of the start, and velocity, acceleration, jerk (n, 3, 2)."""
 
+BLEND = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
+"""35 u^4 - 84 u^5 + 70 u^6 - 20 u^7: from 0 to 1 as u goes there, the polynomial of degree 7 whose
+first three derivatives are 0 at both ends."""
+
 
 def stretches_between(
     speed: float, target: float, acceleration: float, jerk: float

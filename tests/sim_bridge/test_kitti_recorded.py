@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import scenarios
+import sim_bridge
 from mdkf.tables import CLUTTER, Detections, FloatArray, Trace
 from sim_bridge import kitti_detections, kitti_trace
 
@@ -120,3 +122,19 @@ def test_detections_lie_on_their_labels(detector: str) -> None:
     assert abs(np.median(np.concatenate(above))) < 0.05
     assert np.median(np.abs(np.concatenate(turned))) < 0.03
     assert np.mean(share) > 0.8
+
+
+def test_every_sequence_is_a_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Listed by name, as long as its recording, with the trace and the detections of its files."""
+    monkeypatch.setenv("MDKF_KITTI", str(RECORDED))
+    names = [name for name in scenarios.list() if name.startswith("kitti-")]
+    assert names == [f"kitti-{k:04d}" for k in range(21)]
+    for name in names:
+        scenario = scenarios.load(name)
+        sequence = name.removeprefix("kitti-")
+        trace = sim_bridge.simulate(scenario, 0)
+        assert trace == trace_of(sequence)
+        assert trace.n_frames * trace.dt == pytest.approx(scenario.duration)
+        if sequence in SOME:
+            found = sim_bridge.detect(trace, "recorded:pvcnn")
+            assert found == detections_of("pvcnn", sequence)
