@@ -1,7 +1,7 @@
 """Pedestrians that the bridge moves itself: along straight lines, exact, smooth, from a seed.
 
-A simulator's own jump from lane to lane at many metres per second. These change their speed in
-stretches of constant jerk, stand still where they turn, and every number is a closed form.
+SUMO's own pedestrians move at up to 160 m/s where they change lanes. These change their speed in
+stretches of constant jerk and stand where they turn, so that every number is a closed form.
 """
 
 from collections.abc import Iterator
