@@ -20,8 +20,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 CodeArray = NDArray[np.uint8]
 
-KINDS = ("car", "van", "bus", "truck", "bicycle", "pedestrian")
-"""Names of the codes in `Trace.kind`."""
+KINDS = ("car", "van", "bus", "truck", "bicycle", "pedestrian", "wall")
+"""Names of the codes in `Trace.kind`; a `wall` hides what is behind it and is no road user."""
+
+WALL = KINDS.index("wall")
 
 REGIMES = (
     "stationary",
@@ -257,6 +259,10 @@ class Trace(Table):
     def sensor_distance(self) -> FloatArray:
         """Ground distance of every row's box centre from the sensor [m]."""
         return np.hypot(self.x - self.ego.x[self.frame], self.y - self.ego.y[self.frame])
+
+    def road_users(self) -> BoolArray:
+        """Which rows are there to be detected, tracked and scored: all but those of walls."""
+        return np.not_equal(self.kind, WALL)
 
     def validate(self) -> None:
         super().validate()

@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 from typing import ClassVar, Literal
 
-Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
+Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian", "wall"]
 Source = Literal["sumo", "highway-env", "closed-form"]
 Kinematics = Literal["smooth", "raw"]
 MotionName = Literal["polynomial", "speed_change", "circle", "lane_change", "journey"]
@@ -39,7 +39,10 @@ class ParameterSpec:
 
 @dataclass(frozen=True, slots=True)
 class StaticBox:
-    """An object that never moves: box centre x, y [m] on the ground, yaw [rad], size [m]."""
+    """An object that never moves: box centre x, y [m] on the ground, yaw [rad], size [m].
+
+    A `wall` (a house, a fence) hides what is behind it; no sensor reports it, no score counts it.
+    """
 
     kind: Kind
     x: float
