@@ -4,6 +4,7 @@ Refused are document types and includes (they reach other files, or expand witho
 encoding but UTF-8 (in which those could hide).
 """
 
+import math
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -48,11 +49,13 @@ def seconds(text: str) -> float:
     Raises `ValueError` for anything else.
     """
     *larger, last = text.strip().split(":")
-    if len(larger) not in (0, 2, 3):
-        raise ValueError(text)
-    total = float(last)
-    for value, unit in zip(reversed(larger), (60, 3600, 86_400), strict=False):
-        total += int(value) * unit
+    total = math.nan
+    try:
+        if len(larger) in (0, 2, 3):
+            units = zip(reversed(larger), (60, 3600, 86_400), strict=False)
+            total = float(last) + sum(int(value) * unit for value, unit in units)
+    except ValueError:
+        pass
     if not abs(total) < 1e9:
-        raise ValueError(text)
+        raise ValueError(f"{text[:60]!r} is no time")
     return total

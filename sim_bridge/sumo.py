@@ -183,7 +183,8 @@ def _run_child(
         )
     except subprocess.TimeoutExpired:
         raise SimulationError(
-            f"SUMO did not finish within {timeout:g} s on {scenario.network}"
+            f"SUMO did not finish within {timeout:g} s on {scenario.network}; simulate a shorter"
+            " time or fewer vehicles"
         ) from None
     messages = child.stdout.decode("utf-8", errors="replace")
     if child.returncode < 0:
