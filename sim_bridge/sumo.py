@@ -32,7 +32,9 @@ from sim_bridge.recording import Recording
 from sim_bridge.sumo_process import REPORT, SAMPLES
 
 STEP = 0.1  # s; finer steps make SUMO's jerk worse
-DEFAULT_TIMEOUT = 300.0  # s of wall clock; the catalogue's scenarios need about 2
+TIMEOUT, TIMEOUT_PER_SECOND = 300.0, 5.0
+"""Wall clock after which SUMO is taken to hang [s], and how much more it has for each second that
+it simulates; the catalogue's scenarios need about 2 s in all."""
 MAX_SEED = 2**31 - 1  # SUMO reads its seed as a 32-bit integer
 REACH = 200.0
 """Distance from the sensor within which the objects of a user's configuration are recorded [m]:
@@ -48,13 +50,13 @@ class Accident(SimulationError):
 
 
 def run_sumo(
-    scenario: SumoScenario, seed: int, *, margin: float = 0.0, timeout: float = DEFAULT_TIMEOUT
+    scenario: SumoScenario, seed: int, *, margin: float = 0.0, timeout: float | None = None
 ) -> Recording:
     """Simulate a scenario; the same scenario and seed give the same bits in any process.
 
     Time index 0 is the end of the warm-up and the last one is `duration` later; `margin` [s]
     records as much more at both ends, so that smoothing has support there; `timeout` is [s] of
-    wall clock.
+    wall clock, by default enough for any but a hanging SUMO.
 
     Raises `SimulationError` (one line) if an input file is bad, if SUMO fails, drops something or
     crashes, or if the ego never appears; its subclass `Accident` if vehicles collide or teleport.
@@ -79,7 +81,7 @@ def run_sumo(
 
 
 def with_ego(
-    scenario: ConfiguredScenario, seed: int, *, margin: float, timeout: float = DEFAULT_TIMEOUT
+    scenario: ConfiguredScenario, seed: int, *, margin: float, timeout: float | None = None
 ) -> ConfiguredScenario:
     """The scenario with the vehicle that carries the sensor, while it is on the road.
 
@@ -126,7 +128,7 @@ def check_inputs(scenario: SumoScenario) -> None:
 
 @contextmanager
 def _simulated(
-    scenario: SumoScenario, seed: int, request: dict[str, object], timeout: float
+    scenario: SumoScenario, seed: int, request: dict[str, object], timeout: float | None
 ) -> Iterator[tuple[Path, dict[str, Any]]]:
     """The folder in which SUMO has left its samples, and its report."""
     if not 0 <= seed <= MAX_SEED:
@@ -158,7 +160,9 @@ def _simulated(
             "ego": scenario.ego,
             **request,
         }
-        messages = _run_child(folder, request, scenario, timeout)
+        simulated = scenario.warmup + scenario.duration
+        limit = TIMEOUT + TIMEOUT_PER_SECOND * simulated if timeout is None else timeout
+        messages = _run_child(folder, request, scenario, limit)
         yield folder, _checked_report(folder, messages, scenario, originals)
 
 
