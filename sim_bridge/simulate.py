@@ -46,6 +46,7 @@ _BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 def check_inputs(scenario: Scenario) -> None:
     """Raise `SimulationError` for inputs that no simulation can use, without simulating."""
+    _check_statics(scenario)
     if isinstance(scenario, SumoScenario):
         sumo.check_inputs(scenario)
     elif isinstance(scenario, HighwayScenario):
@@ -65,6 +66,7 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
     a seed in which the ego vehicle is not there all the time or two boxes overlap.
     """
+    _check_statics(scenario)
     stride = _stride(scenario, dt)
     seed = operator.index(seed)
     provenance = {
@@ -112,6 +114,18 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     trace = Trace.from_columns(columns, **common)
     del columns
     return _with_sight(trace)
+
+
+def _check_statics(scenario: Scenario) -> None:
+    """Raise `SimulationError` if two boxes that never move overlap: no seed would help."""
+    sides = ("x", "y", "yaw", "length", "width")
+    boxes = [[float(getattr(box, name)) for name in sides] for box in scenario.statics]
+    table = np.array(boxes, dtype=np.float64).reshape(-1, len(sides))
+    a, b = first_overlap(np.array([0, len(table)]), table)
+    if a >= 0:
+        raise SimulationError(
+            f"{scenario.definition}: statics.{a} and statics.{b} overlap; expected boxes apart"
+        )
 
 
 def _simulated_world(scenario: Simulated, seed: int, stride: int, ticks: IntArray) -> World:

@@ -12,7 +12,7 @@ from experiments.worlds.describe import describe
 from experiments.worlds.figure import world_figure
 from mdkf.tables import KINDS, Trace
 from scenarios import ClosedFormScenario, Scenario, StaticBox
-from sim_bridge import SeedRefused, detect, simulate
+from sim_bridge import SeedRefused, SimulationError, check_inputs, detect, simulate
 from tests.tables import tracks_of
 
 WALL, TRUCK = KINDS.index("wall"), KINDS.index("truck")
@@ -109,3 +109,14 @@ def test_nobody_drives_through_a_wall() -> None:
     """A wall in the car's way refuses the seed."""
     with pytest.raises(SeedRefused, match=r"'car' and 'static 0' overlap"):
         simulate(behind(box("wall", y=12.0)), 0)
+
+
+def test_boxes_that_stand_in_each_other_are_bad_input() -> None:
+    """No seed would help, so none is asked for: the file and both entries are named."""
+    scenario = behind(box("wall"), box("truck", x=30.0), box("wall", x=12.5))
+    with pytest.raises(SimulationError, match=r"scenario\.yaml: statics\.0 and statics\.2 overlap"):
+        simulate(scenario, 0)
+    with pytest.raises(SimulationError, match=r"statics\.0 and statics\.2 overlap"):
+        check_inputs(scenario)
+    apart = behind(box("wall"), box("wall", x=13.0))
+    assert len(simulate(apart, 0).ids()) == 3
