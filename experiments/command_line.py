@@ -119,7 +119,8 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[SCENARIO]...",
-            help=f"Names or YAML files; {' and '.join(runs.SCENARIOS)} if none is given.",
+            help="Names, YAML files or SUMO configurations (.sumocfg);"
+            f" {' and '.join(runs.SCENARIOS)} if none is given.",
         ),
     ] = None,
     seeds: Annotated[int, typer.Option(help="How many seeds, from 0.", min=1)] = DEFAULT_SEEDS,
@@ -184,7 +185,9 @@ def run(
 
 @app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
 def simulate(
-    name: Annotated[str, typer.Argument(help="A scenario's name, or its YAML file.")],
+    name: Annotated[
+        str, typer.Argument(help="A scenario's name, YAML file or SUMO configuration (.sumocfg).")
+    ],
     out: OutFile,
     seed: Seed = 0,
     parameters: Setting = None,

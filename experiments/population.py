@@ -38,14 +38,16 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     """Rows to score; `gap_truth` says whether truth in the protocol's gaps is kept or ignored.
 
     Each frame's tracks are assigned to all of its truth, at most 2 m away: a track counts as its
-    object does. A track that belongs to nothing counts (against the filter) within the range.
+    object does. A track that belongs to nothing counts (against the filter) within the range;
+    a wall is nothing.
     """
     if gap_truth not in get_args(GapTruth):
         raise ValueError(f"gap truth {gap_truth!r}, expected one of {get_args(GapTruth)}")
     distance = trace.sensor_distance()
     in_gap = gaps.covers(trace.object_id, trace.frame)
     seen = trace.visible >= SCORED_VISIBLE
-    counted = (distance <= SCORED_RANGE) & (seen | in_gap)
+    road_users = trace.road_users()
+    counted = road_users & (distance <= SCORED_RANGE) & (seen | in_gap)
     if gap_truth == "ignore":
         counted &= ~in_gap
     ego = trace.ego
@@ -53,19 +55,19 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     scored = away <= SCORED_RANGE
     for k in np.unique(tracks.frame):
         truth_rows, track_rows = trace.frame_rows(int(k)), tracks.frame_rows(int(k))
-        track, row = _assigned(trace, tracks, truth_rows, track_rows)
+        track, row = _assigned(trace, tracks, truth_rows, track_rows, road_users[truth_rows])
         scored[track] = counted[row]
     return Population(counted, scored)
 
 
 def _assigned(
-    trace: Trace, tracks: Tracks, truth_rows: slice, track_rows: slice
+    trace: Trace, tracks: Tracks, truth_rows: slice, track_rows: slice, road_users: BoolArray
 ) -> tuple[IntArray, IntArray]:
     """Rows of tracks and of the truth that the best assignment of one frame gives them."""
     dx = trace.x[truth_rows][:, None] - tracks.x[track_rows]
     dy = trace.y[truth_rows][:, None] - tracks.y[track_rows]
     closeness = np.maximum(MATCH_DISTANCE - np.hypot(dx, dy), 0.0)
-    near = np.flatnonzero(closeness.any(axis=1))
+    near = np.flatnonzero(closeness.any(axis=1) & road_users)
     chosen, track = linear_sum_assignment(closeness[near], maximize=True)
     taken = closeness[near[chosen], track] > 0
     return track_rows.start + track[taken], truth_rows.start + near[chosen[taken]]

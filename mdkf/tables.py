@@ -20,8 +20,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 CodeArray = NDArray[np.uint8]
 
-KINDS = ("car", "van", "bus", "truck", "bicycle", "pedestrian")
-"""Names of the codes in `Trace.kind`."""
+KINDS = ("car", "van", "bus", "truck", "bicycle", "pedestrian", "wall")
+"""Names of the codes in `Trace.kind`; a `wall` hides what is behind it and is no road user."""
+
+WALL = KINDS.index("wall")
 
 REGIMES = (
     "stationary",
@@ -91,16 +93,13 @@ class Table:
         if len(lengths) > 1:
             described = ", ".join(f"{c} {len(a)}" for c, a in arrays.items())
             raise TableError(f"{name}: columns differ in length: {described}")
-        # Every column breaks ties, so that the order of equal keys does not depend on the input's.
-        by = [arrays[c] for c in types]
-        if cls.ID is not None:
-            by = [arrays["frame"], arrays[cls.ID], *by]
-        order = np.lexsort(by[::-1])
-        values: dict[str, Any] = {c: np.ascontiguousarray(a[order]) for c, a in arrays.items()}
+        order = _order(arrays, ["frame"] if cls.ID is None else ["frame", cls.ID])
+        values: dict[str, Any] = {c: _taken(a, order) for c, a in arrays.items()}
         extra = others.pop("diagnostics", None)
         if extra is not None:
             others["diagnostics"] = {
-                c: _as_column(name, c, a, np.dtype(np.float64))[order] for c, a in extra.items()
+                c: _taken(_as_column(name, c, a, np.dtype(np.float64)), order)
+                for c, a in extra.items()
             }
         table = cls(n_frames=n_frames, dt=dt, **values, **others)
         table.validate()
@@ -258,6 +257,10 @@ class Trace(Table):
         """Ground distance of every row's box centre from the sensor [m]."""
         return np.hypot(self.x - self.ego.x[self.frame], self.y - self.ego.y[self.frame])
 
+    def road_users(self) -> BoolArray:
+        """Which rows are there to be detected, tracked and scored: all but those of walls."""
+        return np.not_equal(self.kind, WALL)
+
     def validate(self) -> None:
         super().validate()
         self._refuse((self.visible < 0) | (self.visible > 1), "visible", "in [0, 1]")
@@ -360,15 +363,35 @@ _TYPES: dict[Any, np.dtype[Any]] = {
 
 
 def _as_column(table: str, column: str, values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """A column as its stored type; refuses what would change a value."""
+    """A column as its stored type, not copied if it is that; refuses what would change a value."""
     given = np.asarray(values)
     if given.ndim != 1:
         raise TableError(f"{table}: column {column!r} has shape {given.shape}, expected one axis")
     if given.dtype.kind not in "biuf":
         raise TableError(f"{table}: column {column!r} holds {given.dtype}, expected numbers")
     with np.errstate(invalid="ignore"):
-        converted = given.astype(dtype)
-    if dtype.kind != "f" and not np.array_equal(converted, given):
+        converted = given.astype(dtype, copy=False)
+    if dtype.kind != "f" and converted is not given and not np.array_equal(converted, given):
         raise TableError(f"{table}: column {column!r} holds values that are no {dtype.name}")
-    # Minus zero and zero are one number: equal tables must have equal bytes.
-    return converted + 0.0 if dtype.kind == "f" else converted
+    return converted
+
+
+def _order(arrays: Mapping[str, NDArray[Any]], keys: list[str]) -> IntArray:
+    """The order of rows by the keys; every column breaks ties, so that the order of equal keys does
+    not depend on the input's."""
+    by = [arrays[key] for key in keys]
+    order = np.lexsort(by[::-1])
+    repeated = np.ones(max(len(order) - 1, 0), dtype=np.bool_)
+    for key in by:
+        ordered = key[order]
+        repeated &= ordered[1:] == ordered[:-1]
+    return np.lexsort([*by, *arrays.values()][::-1]) if repeated.any() else order
+
+
+def _taken(array: NDArray[Any], order: IntArray) -> NDArray[Any]:
+    """A copy in another order."""
+    taken = np.ascontiguousarray(array[order])
+    if taken.dtype.kind == "f":
+        # Minus zero and zero are one number: equal tables must have equal bytes.
+        taken += 0.0
+    return taken

@@ -1,16 +1,19 @@
 """Turns a name and parameters into a validated scenario: what happens on the road.
 
-``scenarios.load("bus_stop", speed=11.0)`` gives a `Scenario`; ``scenarios.list()`` names them all.
+``scenarios.load("bus_stop", speed=11.0)`` gives a `Scenario`; ``scenarios.list()`` names them all;
+``scenarios.load("town.sumocfg")`` makes one of a user's own SUMO configuration.
 """
 
 from scenarios.catalogue import list_names as list
 from scenarios.catalogue import load
 from scenarios.scenario import (
     ClosedFormScenario,
+    ConfiguredScenario,
     HighwayScenario,
     KittiScenario,
     ParameterSpec,
     Pause,
+    RoutedScenario,
     Scenario,
     ScenarioError,
     StaticBox,
@@ -20,10 +23,12 @@ from scenarios.scenario import (
 
 __all__ = [
     "ClosedFormScenario",
+    "ConfiguredScenario",
     "HighwayScenario",
     "KittiScenario",
     "ParameterSpec",
     "Pause",
+    "RoutedScenario",
     "Scenario",
     "ScenarioError",
     "StaticBox",

@@ -15,26 +15,34 @@ from typing import Any
 from scenarios.kitti import PREFIX, kitti_names, kitti_scenario
 from scenarios.scenario import (
     ClosedFormScenario,
+    ConfiguredScenario,
     HighwayScenario,
     ParameterSpec,
     Pause,
+    RoutedScenario,
     Scenario,
     ScenarioError,
     StaticBox,
-    SumoScenario,
     Walker,
     format_number,
 )
 from scenarios.schema import (
+    MAX_DURATION,
+    MAX_NAME,
+    MIN_DURATION,
     ClosedFormSettings,
+    ConfigurationSettings,
     HighwaySettings,
     ScenarioSettings,
     SumoSettings,
     settings_of,
 )
 from scenarios.settings import read_settings
+from scenarios.sumo_configuration import is_configuration, read_configuration
 
 DEFINITION = "scenario.yaml"
+DEFAULT_DURATION = 60.0
+"""Of a SUMO configuration that does not say when it ends [s]."""
 _FOLDER = Path(__file__).resolve().parent
 
 
@@ -45,7 +53,8 @@ def list_names() -> tuple[str, ...]:
 
 
 def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
-    """Load a scenario of the catalogue by name, or a user's own by the path of its YAML file.
+    """Load a scenario of the catalogue by name, or a user's own by the path of its file: YAML, or a
+    SUMO configuration (.sumocfg), whose parameters are `warmup` and `duration` [s].
 
     `kitti-0001` is a recorded sequence, in the folder that `MDKF_KITTI` names.
 
@@ -56,6 +65,8 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
         _choose(name_or_path, (), parameters)  # it has none
         return kitti_scenario(name_or_path)
     path = _locate(name_or_path)
+    if is_configuration(path):
+        return _configured(path, parameters)
     settings = read_settings(path, settings_of, ScenarioError)
     specs = tuple(
         ParameterSpec(name=key, **dict(value)) for key, value in settings.parameters.items()
@@ -82,8 +93,18 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
             config=dict(settings.config),
             ego=settings.ego,
         )
+    if isinstance(settings, ConfigurationSettings):
+        configuration = read_configuration(_beside(path, "configuration", settings.configuration))
+        return ConfiguredScenario(
+            **common,
+            warmup=settings.warmup,
+            network=configuration.network,
+            ego=settings.ego,
+            kinematics=settings.kinematics,
+            configuration=configuration,
+        )
     assert isinstance(settings, SumoSettings)
-    scenario = SumoScenario(
+    scenario = RoutedScenario(
         **common,
         warmup=settings.warmup,
         network=_beside(path, "network", settings.network),
@@ -97,6 +118,46 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
 
 def _own_names() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in _FOLDER.glob(f"*/{DEFINITION}")))
+
+
+def _configured(path: Path, given: Mapping[str, object]) -> ConfiguredScenario:
+    """A scenario of a SUMO configuration and of nothing else."""
+    configuration = read_configuration(path)
+    name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)[:MAX_NAME]
+    length = DEFAULT_DURATION
+    if configuration.end is not None:
+        length = min(max(configuration.end - configuration.begin, MIN_DURATION), MAX_DURATION)
+    specs = (
+        ParameterSpec("warmup", "s", 0.0, 0.0, MAX_DURATION, "traffic before the recording"),
+        ParameterSpec(
+            "duration", "s", length, MIN_DURATION, MAX_DURATION, "the recording, at most"
+        ),
+    )
+    chosen = _choose(name, specs, given)
+    if "duration" not in given and configuration.end is not None:
+        chosen["duration"] = min(length, configuration.end - configuration.begin - chosen["warmup"])
+        if chosen["duration"] < MIN_DURATION:
+            raise ScenarioError(
+                f"{path}: option end: expected a time at least {MIN_DURATION:g} s after begin and"
+                f" a warmup of {chosen['warmup']:g} s, found {configuration.end:g} s"
+            )
+    return ConfiguredScenario(
+        name=name,
+        purpose=f"The SUMO configuration {path.name}.",
+        source="sumo",
+        parameters=chosen,
+        parameter_specs=specs,
+        duration=chosen["duration"],
+        sensor_height=ScenarioSettings.model_fields["sensor_height"].default,
+        statics=(),
+        walkers=(),
+        definition=path,
+        warmup=chosen["warmup"],
+        network=configuration.network,
+        ego="",
+        kinematics="smooth",
+        configuration=configuration,
+    )
 
 
 def _locate(name_or_path: str | Path) -> Path:

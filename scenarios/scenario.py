@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 from typing import ClassVar, Literal
 
-Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian"]
+Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian", "wall"]
 Source = Literal["sumo", "highway-env", "closed-form", "kitti"]
 Kinematics = Literal["smooth", "raw"]
 MotionName = Literal[
@@ -41,7 +41,10 @@ class ParameterSpec:
 
 @dataclass(frozen=True, slots=True)
 class StaticBox:
-    """An object that never moves: box centre x, y [m] on the ground, yaw [rad], size [m]."""
+    """An object that never moves: box centre x, y [m] on the ground, yaw [rad], size [m].
+
+    A `wall` (a house, a fence) hides what is behind it; no sensor reports it, no score counts it.
+    """
 
     kind: Kind
     x: float
@@ -131,17 +134,48 @@ class Scenario:
 class SumoScenario(Scenario):
     """Traffic simulated by SUMO.
 
-    It runs for `warmup` [s] before the recording; `network` is a SUMO network; `routes` is a
-    template of a SUMO route file, filled in by `route_xml`; `ego` is the vehicle whose roof
-    carries the sensor; `kinematics` says whether motion is smoothed or SUMO's own numbers are
-    kept. SUMO knows nothing of the statics and the walkers.
+    It runs for `warmup` [s] before the recording; `network` is a SUMO network; `ego` is the vehicle
+    whose roof carries the sensor; `kinematics` says whether motion is smoothed or SUMO's own
+    numbers are kept. SUMO knows nothing of the statics and the walkers.
+    Who drives where is a `RoutedScenario`'s
+    template or a `ConfiguredScenario`'s files.
     """
 
     warmup: float
     network: Path
-    routes: Path
     ego: str
     kinematics: Kinematics
+
+    @property
+    def begin(self) -> float:
+        """SUMO's time at which the simulation begins [s]."""
+        return 0.0
+
+    @property
+    def options(self) -> Mapping[str, str]:
+        """Options of SUMO's that the bridge leaves to the scenario."""
+        return {}
+
+    def route_files(self) -> tuple[tuple[Path, str], ...]:
+        """Route files in their order, each with the contents that SUMO is to read."""
+        raise NotImplementedError
+
+    def additional_files(self) -> tuple[tuple[Path, str], ...]:
+        """Additional files in their order, each with its contents."""
+        return ()
+
+    def _files(self) -> dict[str, Path]:
+        return {"definition": self.definition, "network": self.network}
+
+    def _particulars(self) -> dict[str, object]:
+        return {"warmup": float(self.warmup), "ego": self.ego, "kinematics": self.kinematics}
+
+
+@dataclass(frozen=True, slots=True)
+class RoutedScenario(SumoScenario):
+    """Traffic on the routes of one file, `routes`: a template that `route_xml` fills in."""
+
+    routes: Path
 
     def route_xml(self) -> str:
         """The route file with every ``${parameter}`` replaced by its value.
@@ -161,11 +195,66 @@ class SumoScenario(Scenario):
         except ValueError as error:
             raise ScenarioError(f"{self.routes}: {error}; write $$ for a dollar sign") from None
 
-    def _files(self) -> dict[str, Path]:
-        return {"definition": self.definition, "network": self.network, "routes": self.routes}
+    def route_files(self) -> tuple[tuple[Path, str], ...]:
+        return ((self.routes, self.route_xml()),)
 
-    def _particulars(self) -> dict[str, object]:
-        return {"warmup": float(self.warmup), "ego": self.ego, "kinematics": self.kinematics}
+    def _files(self) -> dict[str, Path]:
+        # Zero-argument super() does not work in a dataclass with slots.
+        return {**SumoScenario._files(self), "routes": self.routes}
+
+
+@dataclass(frozen=True, slots=True)
+class SumoConfiguration:
+    """What is taken of a user's SUMO configuration: its files, in their order, the times at which
+    it begins and ends [s], and the options that decide how traffic flows."""
+
+    path: Path
+    network: Path
+    routes: tuple[Path, ...]
+    additional: tuple[Path, ...]
+    begin: float
+    end: float | None
+    options: Mapping[str, str] = field(hash=False)
+
+
+EGO = "ego"
+"""The vehicle that carries the sensor in a user's configuration, if there is one of this name."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredScenario(SumoScenario):
+    """Traffic of a user's own SUMO configuration.
+
+    With `ego` empty the sensor is carried by the vehicle `EGO`, or, if there is none, by the one
+    that is on the road for longest during the recording: at first `warmup` [s] after the
+    configuration begins, and for `duration` [s] at most. The trace lasts as long as that vehicle is
+    there. Objects are those within reach of the sensor.
+    """
+
+    configuration: SumoConfiguration
+
+    @property
+    def begin(self) -> float:
+        return self.configuration.begin
+
+    @property
+    def options(self) -> Mapping[str, str]:
+        return self.configuration.options
+
+    def route_files(self) -> tuple[tuple[Path, str], ...]:
+        return tuple((path, _read_text(path)) for path in self.configuration.routes)
+
+    def additional_files(self) -> tuple[tuple[Path, str], ...]:
+        return tuple((path, _read_text(path)) for path in self.configuration.additional)
+
+    def _files(self) -> dict[str, Path]:
+        known = self.configuration
+        listed = {"routes": known.routes, "additional": known.additional}
+        return {
+            **SumoScenario._files(self),
+            "configuration": known.path,
+            **{f"{key} {k}": path for key, paths in listed.items() for k, path in enumerate(paths)},
+        }
 
 
 @dataclass(frozen=True, slots=True)

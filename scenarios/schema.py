@@ -10,7 +10,10 @@ from pydantic import ConfigDict, Field, model_validator
 from scenarios.scenario import MOTION_PARAMETERS, Kind, Kinematics, MotionName, Source
 from scenarios.settings import Settings
 
-_Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
+MAX_NAME = 64  # characters
+MIN_DURATION, MAX_DURATION = 1.0, 3600.0  # s, of what is recorded
+
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=MAX_NAME)]
 _Line = Annotated[str, Field(pattern=r"^[^\r\n]+$", max_length=300)]
 _Length = Annotated[float, Field(gt=0, le=100)]  # m
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # m
@@ -98,7 +101,7 @@ class ScenarioSettings(Settings):
     name: _Name
     purpose: _Line
     source: Source
-    duration: Annotated[float, Field(gt=0, le=3600)]
+    duration: Annotated[float, Field(gt=0, le=MAX_DURATION)]
     sensor_height: Annotated[float, Field(gt=0, le=10)] = 1.73
     parameters: dict[_Name, ParameterSettings] = Field(default_factory=dict)
     statics: list[StaticSettings] = Field(default_factory=list)
@@ -108,17 +111,35 @@ class ScenarioSettings(Settings):
 class SumoSettings(ScenarioSettings):
     """A scenario file of source `sumo`; file names relative to the file itself."""
 
-    warmup: Annotated[float, Field(ge=0, le=3600)]
+    warmup: Annotated[float, Field(ge=0, le=MAX_DURATION)]
     network: _Line
     routes: _Line
     ego: _Line
     kinematics: Kinematics = "smooth"
 
 
+class ConfigurationSettings(ScenarioSettings):
+    """A scenario file of source `sumo` around a SUMO configuration of the user's.
+
+    It has no parameters: the configuration's files are no templates.
+    """
+
+    configuration: _Line
+    warmup: Annotated[float, Field(ge=0, le=MAX_DURATION)] = 0.0
+    ego: Annotated[str, Field(pattern=r"^[^\r\n]*$", max_length=300)] = ""
+    kinematics: Kinematics = "smooth"
+
+    @model_validator(mode="after")
+    def _has_no_parameters(self) -> "ConfigurationSettings":
+        if self.parameters:
+            raise ValueError("a scenario of a SUMO configuration takes no parameters")
+        return self
+
+
 class HighwaySettings(ScenarioSettings):
     """A scenario file of source `highway-env`; its parameters are settings of the environment."""
 
-    warmup: Annotated[float, Field(ge=0, le=3600)]
+    warmup: Annotated[float, Field(ge=0, le=MAX_DURATION)]
     environment: Annotated[str, Field(pattern=r"^[\w./:-]+$", max_length=100)]
     config: dict[_Name, int | float] = Field(default_factory=dict)
     ego: _Name
@@ -160,4 +181,6 @@ def settings_of(document: Mapping[str, Any]) -> type[ScenarioSettings]:
         "highway-env": HighwaySettings,
         "closed-form": ClosedFormSettings,
     }
+    if document.get("source") == "sumo" and "configuration" in document:
+        return ConfigurationSettings
     return models.get(str(document.get("source")), _SourceSettings)

@@ -12,6 +12,9 @@ from sim_bridge.kinematics import Motion
 MOTION = tuple(field.name for field in fields(Motion) if field.name != "tick")
 """The columns of a motion."""
 
+STATIC = "static "
+"""Begins the names of the scenario's own boxes that never move."""
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -49,4 +52,4 @@ def static_bodies(statics: tuple[StaticBox, ...], ticks: IntArray) -> Iterator[B
     """The boxes that never move."""
     for k, box in enumerate(statics):
         motion = at_rest(ticks, box.x, box.y, box.yaw)
-        yield Body(f"static {k}", box.kind, box.length, box.width, box.height, motion)
+        yield Body(f"{STATIC}{k}", box.kind, box.length, box.width, box.height, motion)

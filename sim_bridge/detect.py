@@ -14,7 +14,7 @@ from numpy.random import Generator
 from scipy.signal import lfilter
 from scipy.special import expit
 
-from mdkf.tables import CLUTTER, Detections, FloatArray, IntArray, Trace
+from mdkf.tables import CLUTTER, WALL, Detections, FloatArray, IntArray, Trace
 from sim_bridge.profile import Correlation, Noise, Profile, load_profile
 from sim_bridge.randomness import stream
 from sim_bridge.recorded import is_recorded, recorded_detections
@@ -40,7 +40,7 @@ def detect(trace: Trace, detector: str | Path = "pointrcnn", seed: int = 0) -> D
     # Far objects cannot be seen, but what they draw must not depend on that.
     for identifier in trace.ids():
         rows = trace.rows_of(int(identifier))
-        if distance[rows].min() <= profile.max_range:
+        if trace.kind[rows[0]] != WALL and distance[rows].min() <= profile.max_range:
             rng = stream("detect", *key, int(identifier))
             parts.append(_detect_object(trace, rows, distance[rows], profile, rng))
     parts.append(_clutter(trace, profile, stream("clutter", *key)))

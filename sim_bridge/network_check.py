@@ -1,14 +1,18 @@
 """Turns SUMO's input files into one clear error before SUMO sees them, or into a pass.
 
-SUMO dies of some bad networks (`<net/>` is a segmentation fault) and silently drops flows that are
-out of order, so both files are read here first.
+SUMO dies of some bad networks (`<net/>` is a segmentation fault), silently drops flows that are
+out of order, and writes files that its inputs name, so all of them are read here first.
 """
 
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
-MAX_NETWORK_SIZE = 500_000_000  # bytes
+from scenarios.sumo_files import parse_xml, read_bytes, seconds
+
+Files = Sequence[tuple[Path, str]]
+"""Files in the order in which SUMO reads them, each with its contents."""
+
 BUILT_IN_TYPES = frozenset(
     {
         "DEFAULT_VEHTYPE",
@@ -19,6 +23,15 @@ BUILT_IN_TYPES = frozenset(
         "DEFAULT_CONTAINERTYPE",
     }
 )
+WRITERS: Mapping[str, str] = {
+    **dict.fromkeys(("e1Detector", "inductionLoop", "instantInductionLoop"), "file"),
+    **dict.fromkeys(("e2Detector", "laneAreaDetector", "e3Detector", "entryExitDetector"), "file"),
+    **dict.fromkeys(("edgeData", "laneData", "routeProbe", "vTypeProbe"), "file"),
+    "timedEvent": "dest",
+    "calibrator": "output",
+}
+"""Elements of additional files that write, and the attribute that says where to."""
+NOWHERE = "NUL"  # SUMO's own name for a file that is not written
 DEPARTING = ("vehicle", "trip", "flow", "person", "personFlow", "container", "containerFlow")
 
 
@@ -31,13 +44,7 @@ def check_network(path: Path) -> frozenset[str]:
 
     Raises `SimulationError` if the file is not a complete SUMO network.
     """
-    try:
-        if path.stat().st_size > MAX_NETWORK_SIZE:
-            raise SimulationError(f"{path}: is larger than {MAX_NETWORK_SIZE} bytes")
-        content = path.read_bytes()
-    except OSError as error:
-        raise SimulationError(f"{path}: cannot be read: {error.strerror}") from None
-    root = _parse(path, content)
+    root = parse_xml(path, read_bytes(path, SimulationError), SimulationError)
     if root.tag != "net":
         raise SimulationError(f"{path}: expected a SUMO network <net>, found <{root.tag}>")
     for tag in ("location", "edge", "junction"):
@@ -63,17 +70,59 @@ def check_network(path: Path) -> frozenset[str]:
     return frozenset(edges)
 
 
-def check_routes(path: Path, content: str, edges: frozenset[str], ego: str) -> None:
-    """Check the contents of a route file (already filled in) against a network's edges.
+def check_routes(routes: Files, additional: Files, edges: frozenset[str], ego: str) -> None:
+    """Check route files (already filled in) against a network's edges and each other.
 
-    Raises `SimulationError` if it is malformed, out of order, refers to what does not exist, or
-    lacks the ego vehicle.
+    additional: files that may declare types and routes too. Raises `SimulationError` if one is
+    malformed, out of order, refers to what does not exist or would write; if nobody departs; or if
+    no vehicle has the ego's name (any will do if that is empty).
     """
-    root = _parse(path, content.encode())
-    if root.tag != "routes":
-        raise SimulationError(f"{path}: expected <routes>, found <{root.tag}>")
-    types = BUILT_IN_TYPES | _ids(root, "vType") | _ids(root, "vTypeDistribution")
-    routes = _ids(root, "route") | _ids(root, "routeDistribution")
+    roots = [(path, parse_xml(path, text.encode(), SimulationError)) for path, text in routes]
+    others = [(path, parse_xml(path, text.encode(), SimulationError)) for path, text in additional]
+    every = [root for _, root in (*others, *roots)]
+    types = BUILT_IN_TYPES.union(*(_ids(root, "vType", "vTypeDistribution") for root in every))
+    known = frozenset().union(*(_ids(root, "route", "routeDistribution") for root in every))
+    for path, root in roots:
+        if root.tag != "routes":
+            raise SimulationError(f"{path}: expected <routes>, found <{root.tag}>")
+        _check_departures(path, root, types, known)
+        _check_edges(path, root, edges)
+        _check_parameters(path, root)
+    paths = ", ".join(str(path) for path, _ in routes)
+    if not any(root.find(tag) is not None for root in every for tag in DEPARTING):
+        raise SimulationError(f"{paths}: no vehicle, trip or flow departs")
+    if ego and not any(ego in _ids(root, "vehicle", "trip") for root in every):
+        raise SimulationError(f"{paths}: no <vehicle> or <trip> has the ego's id {ego!r}")
+
+
+def without_outputs(path: Path, content: str) -> str:
+    """An additional file that writes nothing: its detectors count, and nobody is told.
+
+    Raises `SimulationError` if it is malformed or refers to other files.
+    """
+    root = parse_xml(path, content.encode(), SimulationError)
+    if root.tag not in ("additional", "routes", "add"):
+        raise SimulationError(f"{path}: expected <additional>, found <{root.tag}>")
+    _check_parameters(path, root)
+    for element in root.iter():
+        target = WRITERS.get(element.tag)
+        if target is not None and element.get(target) is not None:
+            element.set(target, NOWHERE)
+        for attribute, value in element.items():
+            refers = attribute == "file" or attribute.endswith("File")
+            # A picture is for the GUI, which there is none of.
+            if refers and value != NOWHERE and attribute not in ("imgFile", "osgFile"):
+                name = f"{element.tag} {element.get('id', '')}".strip()
+                raise SimulationError(
+                    f"{path}: {name}: {attribute}={value[:60]!r}: references to other files are"
+                    " not accepted"
+                )
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _check_departures(
+    path: Path, root: ElementTree.Element, types: frozenset[str], routes: frozenset[str]
+) -> None:
     latest, latest_name = 0.0, ""
     for element in root:
         if element.tag not in DEPARTING:
@@ -92,21 +141,14 @@ def check_routes(path: Path, content: str, edges: frozenset[str], ego: str) -> N
                 f" departs at {latest:g} s; SUMO drops what is not sorted by departure"
             )
         latest, latest_name = departure, name
-    _check_edges(path, root, edges)
-    if not any(
-        element.get("id") == ego for tag in ("vehicle", "trip") for element in root.iter(tag)
-    ):
-        raise SimulationError(f"{path}: no <vehicle> or <trip> has the ego's id {ego!r}")
 
 
-def _parse(path: Path, content: bytes) -> ElementTree.Element:
-    # Entities can reach other files, or expand without end, in SUMO's own parser.
-    if b"<!DOCTYPE" in content:
-        raise SimulationError(f"{path}: a document type declaration (<!DOCTYPE) is not accepted")
-    try:
-        return ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        raise SimulationError(f"{path}: is not well-formed XML: {error}") from None
+def _check_parameters(path: Path, root: ElementTree.Element) -> None:
+    """Refuse parameters by which a vehicle's device would write a file."""
+    for parameter in root.iter("param"):
+        key = parameter.get("key", "")
+        if key.startswith("device.") and key.endswith((".file", ".output")):
+            raise SimulationError(f"{path}: param {key!r} would write a file; take it out")
 
 
 def _check_lanes(path: Path, name: str, edge: ElementTree.Element) -> None:
@@ -127,8 +169,8 @@ def _check_lanes(path: Path, name: str, edge: ElementTree.Element) -> None:
             ) from None
 
 
-def _ids(root: ElementTree.Element, tag: str) -> set[str]:
-    return {element.get("id", "") for element in root.iter(tag)}
+def _ids(root: ElementTree.Element, *tags: str) -> frozenset[str]:
+    return frozenset(element.get("id", "") for tag in tags for element in root.iter(tag))
 
 
 def _departure(path: Path, name: str, element: ElementTree.Element) -> float | None:
@@ -138,7 +180,7 @@ def _departure(path: Path, name: str, element: ElementTree.Element) -> float | N
     if text in ("triggered", "containerTriggered", "split"):
         return None
     try:
-        return float(text)
+        return seconds(text)
     except ValueError:
         raise SimulationError(
             f"{path}: {name}: {attribute}={text!r} is not a number of seconds"

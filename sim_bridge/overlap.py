@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from mdkf.tables import FloatArray, IntArray
+from mdkf.tables import BoolArray, FloatArray, IntArray
 
 
 @njit(cache=True)
@@ -17,11 +17,39 @@ def first_overlap(frame_start: IntArray, boxes: FloatArray) -> tuple[int, int]:
     for k in range(len(frame_start) - 1):
         for a in range(frame_start[k], frame_start[k + 1]):
             for b in range(a + 1, frame_start[k + 1]):
-                dx, dy = boxes[b, 0] - boxes[a, 0], boxes[b, 1] - boxes[a, 1]
-                near = dx * dx + dy * dy < (reach[a] + reach[b]) ** 2
-                if near and _overlap(boxes[a], boxes[b]):
+                if _near(boxes, reach, a, b) and _overlap(boxes[a], boxes[b]):
                     return a, b
     return -1, -1
+
+
+@njit(cache=True)
+def disjoint(
+    frame_start: IntArray, boxes: FloatArray, owner: IntArray, precedence: IntArray
+) -> BoolArray:
+    """Which owners to keep, (owners,), so that no boxes overlap but those of highest precedence.
+
+    frame_start and boxes as for `first_overlap`; owner (rows,): whose box it is; precedence
+    (owners,): of two that overlap in any frame the lesser goes, of equals the later.
+    """
+    kept = np.ones(len(precedence), dtype=np.bool_)
+    highest = precedence.max() if len(precedence) else 0
+    reach = np.hypot(boxes[:, 3], boxes[:, 4]) / 2
+    for k in range(len(frame_start) - 1):
+        for a in range(frame_start[k], frame_start[k + 1]):
+            for b in range(a + 1, frame_start[k + 1]):
+                first, second = min(owner[a], owner[b]), max(owner[a], owner[b])
+                goes = first if precedence[first] < precedence[second] else second
+                if not (kept[first] and kept[second]) or precedence[goes] == highest:
+                    continue
+                if _near(boxes, reach, a, b) and _overlap(boxes[a], boxes[b]):
+                    kept[goes] = False
+    return kept
+
+
+@njit(cache=True)
+def _near(boxes: FloatArray, reach: FloatArray, a: int, b: int) -> bool:
+    dx, dy = boxes[b, 0] - boxes[a, 0], boxes[b, 1] - boxes[a, 1]
+    return bool(dx * dx + dy * dy < (reach[a] + reach[b]) ** 2)
 
 
 @njit(cache=True)

@@ -5,25 +5,28 @@ import json
 import operator
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdkf.tables import KINDS, EgoPath, FloatArray, IntArray, Trace
 from scenarios import (
     ClosedFormScenario,
+    ConfiguredScenario,
     HighwayScenario,
     KittiScenario,
     Scenario,
     SumoScenario,
 )
 from sim_bridge import highway, sumo
-from sim_bridge.bodies import MOTION, Body, World, static_bodies
+from sim_bridge.bodies import MOTION, STATIC, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
 from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
-from sim_bridge.overlap import first_overlap
+from sim_bridge.overlap import disjoint, first_overlap
 from sim_bridge.recorded import recorded_trace
 from sim_bridge.recording import Recording
 from sim_bridge.regimes import regimes, turning
@@ -46,6 +49,7 @@ _BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 def check_inputs(scenario: Scenario) -> None:
     """Raise `SimulationError` for inputs that no simulation can use, without simulating."""
+    _check_statics(scenario)
     if isinstance(scenario, SumoScenario):
         sumo.check_inputs(scenario)
     elif isinstance(scenario, HighwayScenario):
@@ -59,6 +63,10 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     are numbered by their names in the simulation, static ones and walkers after them. A recorded
     scenario has its own dt and object ids, and is the same for every seed.
 
+    Of a user's own SUMO configuration the trace lasts as long as the ego vehicle is on the road;
+    vehicles that drive through others are left out of it. The provenance tells the `ego` and how
+    many were `left_out`.
+
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
     a seed in which the ego vehicle is not there all the time or two boxes overlap; `KittiError`
     for recorded files that are malformed.
@@ -66,7 +74,19 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     seed = operator.index(seed)
     if isinstance(scenario, KittiScenario):
         return recorded_trace(scenario, seed, dt)
+    _check_statics(scenario)
     stride = _stride(scenario, dt)
+    provenance = {
+        "scenario": scenario.name,
+        "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
+        "identity": hashlib.sha256(scenario.identity().encode()).hexdigest(),
+        "seed": str(seed),
+        "source": scenario.source,
+    }
+    if isinstance(scenario, ConfiguredScenario):
+        scenario = sumo.with_ego(scenario, seed, margin=MARGIN)
+        stride = _stride(scenario, dt)  # it may be on the road for less than the time asked for
+        provenance["ego"] = scenario.ego
     n_frames = round(scenario.duration / dt)
     ticks = np.arange(n_frames) * stride
     if isinstance(scenario, ClosedFormScenario):
@@ -76,15 +96,14 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
         world = _simulated_world(scenario, seed, stride, ticks)
     statics = static_bodies(scenario.statics, ticks)
     world = replace(world, others=[*world.others, *statics, *walkers(scenario, seed, ticks)])
-    provenance = {
-        "scenario": scenario.name,
-        "parameters": json.dumps(dict(scenario.parameters), sort_keys=True),
-        "identity": hashlib.sha256(scenario.identity().encode()).hexdigest(),
-        "seed": str(seed),
-        "source": scenario.source,
+    provenance |= {
         "simulator": world.simulator,
         "kinematics": getattr(scenario, "kinematics", "exact"),
     }
+    if isinstance(scenario, ConfiguredScenario):
+        everybody = len(world.others)
+        world = _without_overlap(world, n_frames, stride)
+        provenance["left_out"] = str(everybody - len(world.others))
     ego = EgoPath.from_columns(
         {
             "frame": np.arange(n_frames),
@@ -98,7 +117,24 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
         provenance=provenance,
     )
     _refuse_overlap(world, n_frames, stride, f"{scenario.name}, seed {seed}")
-    return _trace(world.others, ego, stride, provenance)
+    columns = _columns(world.others, stride)
+    del world  # millions of rows: nothing is kept twice for longer than it must
+    common: dict[str, Any] = {"n_frames": n_frames, "dt": dt, "ego": ego, "provenance": provenance}
+    trace = Trace.from_columns(columns, **common)
+    del columns
+    return _with_sight(trace)
+
+
+def _check_statics(scenario: Scenario) -> None:
+    """Raise `SimulationError` if two boxes that never move overlap: no seed would help."""
+    sides = ("x", "y", "yaw", "length", "width")
+    boxes = [[float(getattr(box, name)) for name in sides] for box in scenario.statics]
+    table = np.array(boxes, dtype=np.float64).reshape(-1, len(sides))
+    a, b = first_overlap(np.array([0, len(table)]), table)
+    if a >= 0:
+        raise SimulationError(
+            f"{scenario.definition}: statics.{a} and statics.{b} overlap; expected boxes apart"
+        )
 
 
 def _simulated_world(scenario: Simulated, seed: int, stride: int, ticks: IntArray) -> World:
@@ -162,56 +198,74 @@ def _bodies(
             yield Body(name, recording.kinds[vehicle], *size, motion=kept)
 
 
-def _trace(bodies: list[Body], ego: EgoPath, stride: int, provenance: dict[str, str]) -> Trace:
+def _columns(bodies: list[Body], stride: int) -> dict[str, NDArray[Any]]:
+    """The columns of a trace, body by body; all is visible yet."""
+    ends = np.cumsum([0, *(len(body.motion.tick) for body in bodies)])
+    columns = {name: np.empty(ends[-1], dtype) for name, dtype in Trace.column_types().items()}
+    for k, (body, (first, last)) in enumerate(zip(bodies, pairwise(ends), strict=True)):
+        motion = body.motion
+        v, a, j = (np.column_stack([getattr(motion, f"{d}{axis}") for axis in "xy"]) for d in "vaj")
+        values: dict[str, Any] = {
+            **{name: getattr(motion, name) for name in MOTION},
+            **{name: getattr(body, name) for name in ("length", "width", "height")},
+            "frame": motion.tick // stride,
+            "object_id": k,
+            "kind": KINDS.index(body.kind),
+            "z": body.height / 2,
+            "regime": regimes(v, a, j),
+            "turning": turning(motion.yaw_rate),
+            "visible": 1.0,
+        }
+        for name, column in columns.items():
+            column[first:last] = values[name]
+    return columns
+
+
+def _with_sight(trace: Trace) -> Trace:
+    """The trace with its exact visible fractions."""
+    ego = trace.ego
+    sensor = np.column_stack([ego.x, ego.y, ego.z])
+    boxes = np.column_stack([getattr(trace, name) for name in _BOX])
+    return replace(trace, visible=visible_fractions(sensor, trace.frame_start, boxes))
+
+
+def _ground_boxes(
+    world: World, n_frames: int, stride: int
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Offsets of the frames (n_frames + 1,), boxes (rows, 5) for `first_overlap`, and whose each is
+    (rows,): a place among the others, or after them the ego vehicle."""
+    bodies = [*world.others, world.ego]
     counts = [len(body.motion.tick) for body in bodies]
+    tick = np.concatenate([body.motion.tick for body in bodies])
+    order = np.argsort(tick, kind="stable")
+    starts = np.searchsorted(tick[order], np.arange(n_frames + 1) * stride)
+    owner = np.repeat(np.arange(len(bodies)), counts)[order]
+    sizes = np.array([[body.length, body.width] for body in bodies])[owner]
+    ground = [np.concatenate([getattr(b.motion, c) for b in bodies]) for c in ("x", "y", "yaw")]
+    return starts, np.column_stack([*(column[order] for column in ground), sizes]), owner
 
-    def each(values: list[float]) -> FloatArray:
-        return np.repeat(np.array(values, dtype=np.float64), counts)
 
-    def joined(name: str) -> FloatArray:
-        return np.concatenate([getattr(b.motion, name) for b in bodies] or [np.empty(0)])
-
-    columns = {name: joined(name) for name in MOTION}
-    columns["frame"] = joined("tick") / stride
-    columns["object_id"] = each([float(k) for k in range(len(bodies))])
-    columns["kind"] = each([KINDS.index(b.kind) for b in bodies])
-    for size in ("length", "width", "height"):
-        columns[size] = each([getattr(b, size) for b in bodies])
-    columns["z"] = columns["height"] / 2
-    v, a, j = (np.column_stack([columns[f"{d}x"], columns[f"{d}y"]]) for d in "vaj")
-    columns["regime"] = regimes(v, a, j).astype(np.float64)
-    columns["turning"] = turning(columns["yaw_rate"]).astype(np.float64)
-    columns["visible"] = np.zeros(len(columns["x"]))
-    common: dict[str, Any] = {
-        "n_frames": ego.n_frames,
-        "dt": ego.dt,
-        "ego": ego,
-        "provenance": provenance,
-    }
-    hidden = Trace.from_columns(columns, **common)
-    visible = visible_fractions(
-        np.column_stack([ego.x, ego.y, ego.z]),
-        hidden.frame_start,
-        np.column_stack([getattr(hidden, name) for name in _BOX]),
-    )
-    return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
+def _without_overlap(world: World, n_frames: int, stride: int) -> World:
+    """The world without the vehicles that its simulator let drive through others: of two the one
+    that is there for longer stays, and the ego vehicle and what never moves always do."""
+    always = n_frames + 1
+    lives = [
+        always if body.name.startswith(STATIC) else len(body.motion.tick) for body in world.others
+    ]
+    kept = disjoint(*_ground_boxes(world, n_frames, stride), np.array([*lives, always]))
+    others = [body for body, stays in zip(world.others, kept, strict=False) if stays]
+    return replace(world, others=others)
 
 
 def _refuse_overlap(world: World, n_frames: int, stride: int, where: str) -> None:
     """Raise `SeedRefused` if any two boxes, the ego vehicle's included, ever overlap."""
-    bodies = [*world.others, world.ego]
-    counts = [len(body.motion.tick) for body in bodies]
-    owner = np.repeat(np.arange(len(bodies)), counts)
-    tick = np.concatenate([body.motion.tick for body in bodies])
-    sizes = np.array([[body.length, body.width] for body in bodies])[owner]
-    ground = [np.concatenate([getattr(b.motion, c) for b in bodies]) for c in ("x", "y", "yaw")]
-    boxes = np.column_stack([*ground, sizes])
-    order = np.argsort(tick, kind="stable")
-    starts = np.searchsorted(tick[order], np.arange(n_frames + 1) * stride)
-    a, b = first_overlap(starts, boxes[order])
+    starts, boxes, owner = _ground_boxes(world, n_frames, stride)
+    a, b = first_overlap(starts, boxes)
     if a >= 0:
-        first, second = (bodies[owner[order[row]]].name for row in (a, b))
-        seconds = tick[order[a]] * INTEGRATION_STEP
+        names = [body.name for body in (*world.others, world.ego)]
+        first, second = (names[owner[row]] for row in (a, b))
+        frame = int(np.searchsorted(starts, a, side="right")) - 1
+        seconds = frame * stride * INTEGRATION_STEP
         raise SeedRefused(
             f"{where}: {first!r} and {second!r} overlap at {seconds:.1f} s; take another seed"
         )

@@ -9,6 +9,8 @@ import json
 import math
 import os
 import sys
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,15 @@ os.environ["SUMO_HOME"] = _data  # where SUMO finds the schemas of its input fil
 
 REPORT = "report.json"
 SAMPLES = "samples.npz"
-FLOAT_COLUMNS = ("x", "y", "heading", "speed", "length", "width", "height")
+ROW_COLUMNS = ("x", "y", "heading", "speed")
+SIZE_COLUMNS = ("length", "width", "height")
 KIND_OF_CLASS = {
     "passenger": "car",
     "private": "car",
     "taxi": "car",
+    "hov": "car",
+    "evehicle": "car",
+    "emergency": "van",
     "delivery": "van",
     "truck": "truck",
     "trailer": "truck",
@@ -31,16 +37,18 @@ KIND_OF_CLASS = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
+EGO_KINDS = ("car", "van", "truck", "bus")
 
 
-def options(network: str, routes: str, seed: int, step: float) -> list[str]:
+def options(request: dict[str, Any]) -> list[str]:
     """SUMO's command line; each departure from its defaults is measured to be needed."""
-    return [
+    chosen = [
         "sumo",
-        "--net-file", network,
-        "--route-files", routes,
-        "--seed", str(seed),
-        "--step-length", str(step),
+        "--net-file", request["network"],
+        "--route-files", ",".join(request["routes"]),
+        "--begin", str(request["begin"]),
+        "--seed", str(request["seed"]),
+        "--step-length", str(request["step"]),
         "--step-method.ballistic", "true",
         # Without sub-lanes a lane change is a jump of a whole lane within one step.
         "--lateral-resolution", "0.8",
@@ -54,6 +62,11 @@ def options(network: str, routes: str, seed: int, step: float) -> list[str]:
         "--no-step-log", "true",
         "--duration-log.disable", "true",
     ]  # fmt: skip
+    if request["additional"]:
+        chosen += ["--additional-files", ",".join(request["additional"])]
+    for name, value in request["options"].items():
+        chosen += [f"--{name}", value]
+    return chosen
 
 
 def simulate(request: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -62,77 +75,152 @@ def simulate(request: dict[str, Any], folder: Path) -> dict[str, Any]:
         import libsumo
     except ImportError as error:
         return {"problem": "import", "message": str(error)}
-    step = float(request["step"])
     try:
-        libsumo.start(options(request["network"], request["routes"], int(request["seed"]), step))
-        report = _record(libsumo, request, folder)
+        libsumo.start(options(request))
+        if request["look_for_ego"]:
+            found = _ego_of(libsumo, request)
+            report = {"problem": None, **found}
+        else:
+            report = _record(libsumo, request, folder)
+        report["version"] = libsumo.simulation.getVersion()[1]
         libsumo.close()
+    except _Refused as refused:
+        return {"problem": refused.problem, "message": str(refused)}
     except (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError) as error:
         return {"problem": "sumo", "message": str(error)}
     return report
 
 
-def _record(libsumo: Any, request: dict[str, Any], folder: Path) -> dict[str, Any]:
-    import numpy as np
+class _Refused(Exception):
+    """Why nothing of this simulation can be used; `problem` is its kind in the report."""
 
-    vehicles = libsumo.vehicle
-    first, last = int(request["first_index"]), int(request["last_index"])
-    steps_before = int(request["steps_before"])
+    def __init__(self, problem: str, message: str) -> None:
+        super().__init__(message)
+        self.problem = problem
+
+
+def _steps(libsumo: Any, request: dict[str, Any]) -> Iterator[int]:
+    """The time index of each step, after SUMO has made it."""
     parent = os.getppid()
-    known: dict[str, int] = {}
-    bodies: list[tuple[str, str, float, float, float]] = []
-    rows: list[tuple[int, int, float, float, float, float]] = []
-    for index in range(1 - steps_before, last + 1):
+    for index in range(1 - int(request["steps_before"]), int(request["last_index"]) + 1):
         if os.getppid() != parent:  # the caller was killed and cannot stop us any more
             sys.exit("the process that asked for this simulation is gone")
         libsumo.simulationStep()
-        accident = _accident(libsumo)
-        if accident:
-            time = libsumo.simulation.getTime()
-            return {"problem": "accident", "message": f"{accident} at {time:.1f} s"}
+        yield index
+
+
+def _ego_of(libsumo: Any, request: dict[str, Any]) -> dict[str, Any]:
+    """The vehicle asked for; without one the preferred; without it the one that is on the road for
+    longest between first and last index, of equals the earliest, then the first by name. Told are
+    its first and last index there."""
+    first, last = int(request["first_index"]), int(request["last_index"])
+    begun: dict[str, int] = {}
+    lives: list[tuple[int, int, str]] = []  # what is least is best: -steps, begin, name
+    wanted = request["ego"] or request["preferred"]
+    for index in _steps(libsumo, request):
+        for name in libsumo.simulation.getArrivedIDList():
+            if name in begun:
+                lives.append((begun[name] - index, begun.pop(name), name))
+        for name in libsumo.simulation.getDepartedIDList():
+            if name == wanted or _kind(libsumo, name) in EGO_KINDS:
+                begun[name] = max(index, first)
+    lives += [(begin - last - 1, begin, name) for name, begin in begun.items()]
+    there = [life for life in lives if life[0] < 0]
+    there = [life for life in there if life[2] == wanted] or ([] if request["ego"] else there)
+    if not there:
+        return {"ego": None}
+    steps, begin, name = min(there)
+    return {"ego": name, "first": begin, "last": begin - steps - 1}
+
+
+def _record(libsumo: Any, request: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Write the samples of all vehicles, or of those within reach of the ego vehicle."""
+    import numpy as np
+
+    vehicles, near = libsumo.vehicle, float(request["reach"])
+    first = int(request["first_index"])
+    present: dict[str, int] = {}  # number of each vehicle looked at in the step before
+    visits: dict[str, int] = {}
+    bodies: list[tuple[str, str, float, float, float]] = []
+    # Arrays of machine numbers: a list of tuples takes seven times the memory.
+    owner, time_index = array("q"), array("q")
+    columns = [array("d") for _ in ROW_COLUMNS]
+    for index in _steps(libsumo, request):
+        if not near:
+            _refuse_accident(libsumo)
         if index < first:
             continue
-        for name in vehicles.getIDList():
-            number = known.get(name)
-            if number is None:
-                number = known[name] = len(bodies)
-                kind = _kind(libsumo, name)
-                if kind is None:
-                    return {
-                        "problem": "kind",
-                        "message": f"vehicle {name}: vClass {vehicles.getVehicleClass(name)!r} is"
-                        f" none of {', '.join(KIND_OF_CLASS)}",
-                    }
+        seen: dict[str, int] = {}
+        for name in _within(libsumo, request["ego"], near) if near else vehicles.getIDList():
+            number = seen[name] = present.get(name, len(bodies))
+            if number == len(bodies):
+                # Who comes within reach again is another object: no tracker could know better.
+                visits[name] = visits.get(name, 0) + 1
+                visit = f", visit {visits[name]}" if visits[name] > 1 else ""
                 size = (vehicles.getLength(name), vehicles.getWidth(name), vehicles.getHeight(name))
-                bodies.append((name, kind, *size))
+                bodies.append((name + visit, _known_kind(libsumo, name), *size))
             x, y = vehicles.getPosition(name)
             heading = math.radians(90.0 - vehicles.getAngle(name))
-            rows.append((number, index, x, y, heading, vehicles.getSpeed(name)))
+            owner.append(number)
+            time_index.append(index)
+            for column, value in zip(
+                columns, (x, y, heading, vehicles.getSpeed(name)), strict=True
+            ):
+                column.append(value)
+        present = seen
 
+    names, kinds, *sizes = list(zip(*sorted(bodies), strict=True)) or [()] * 5
     rank = np.argsort(np.argsort([body[0] for body in bodies]))
-    by_name = sorted(bodies)
-    rows = sorted((int(rank[number]), *rest) for number, *rest in rows)  # type: ignore[misc]
-    columns = list(zip(*rows, strict=True)) or [()] * 6
-    names, kinds, *sizes = list(zip(*by_name, strict=True)) or [()] * 5
+    vehicle = rank[np.asarray(owner)]
+    order = np.argsort(vehicle, kind="stable")  # the rows of each vehicle are in order of time
     arrays: dict[str, Any] = {
         "names": np.array(names, dtype=np.str_),
         "kinds": np.array(kinds, dtype=np.str_),
-        "vehicle": np.array(columns[0], dtype=np.int64),
-        "time_index": np.array(columns[1], dtype=np.int64),
+        "vehicle": vehicle[order],
+        "time_index": np.asarray(time_index)[order],
     }
-    measured = zip(FLOAT_COLUMNS, [*columns[2:], *sizes], strict=True)
-    arrays |= {name: np.array(column, dtype=np.float64) for name, column in measured}
+    for name, column in zip(ROW_COLUMNS, columns, strict=True):
+        arrays[name] = np.asarray(column)[order]
+    for name, size in zip(SIZE_COLUMNS, sizes, strict=True):
+        arrays[name] = np.array(size, dtype=np.float64)
     np.savez(folder / SAMPLES, **arrays)
-    return {"problem": None, "version": libsumo.simulation.getVersion()[1]}
+    return {"problem": None}
 
 
-def _accident(libsumo: Any) -> str | None:
-    """The first collision or teleport of the step just made, in words."""
+def _within(libsumo: Any, ego: str, reach: float) -> list[str]:
+    """The ego vehicle and all within reach [m] of it: SUMO looks them up in a spatial tree."""
+    vehicles = libsumo.vehicle
+    found = vehicles.getContextSubscriptionResults(ego)
+    if ego not in found:
+        if ego not in vehicles.getIDList():
+            return []
+        vehicles.subscribeContext(
+            ego, libsumo.constants.CMD_GET_VEHICLE_VARIABLE, reach, [libsumo.constants.VAR_SPEED]
+        )
+        found = vehicles.getContextSubscriptionResults(ego)
+    return sorted(found)
+
+
+def _refuse_accident(libsumo: Any) -> None:
+    """Raise at a collision or a teleport in the step just made."""
+    at = f"at {libsumo.simulation.getTime():.1f} s"
     for collision in libsumo.simulation.getCollisions():
-        return f"vehicles {collision.collider} and {collision.victim} collided"
+        told = f"vehicles {collision.collider} and {collision.victim} collided {at}"
+        raise _Refused("accident", told)
     for name in libsumo.simulation.getStartingTeleportIDList():
-        return f"vehicle {name} was teleported"
-    return None
+        raise _Refused("accident", f"vehicle {name} was teleported {at}")
+
+
+def _known_kind(libsumo: Any, name: str) -> str:
+    kind = _kind(libsumo, name)
+    if kind is None:
+        raise _Refused(
+            "kind",
+            f"vehicle {name}: vClass {libsumo.vehicle.getVehicleClass(name)!r} is none of"
+            f" {', '.join(KIND_OF_CLASS)}; say in its vType what it is to a sensor:"
+            ' <param key="kind" value="car"/>',
+        )
+    return kind
 
 
 def _kind(libsumo: Any, name: str) -> str | None:

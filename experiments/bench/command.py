@@ -39,7 +39,7 @@ def bench(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Measure what filters, tracker, scoring and line of sight cost, as ratios within one run.
+    """Measure what filters, tracker, scoring, sensing and simulation cost, as ratios in one run.
 
     CPU time of one thread, all cases interleaved; medians over rounds with
     their 10th and 90th percentiles; ratios are formed within each round.

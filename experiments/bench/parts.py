@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
-from experiments.bench import filters, scoring, sensing, start_up, trackers
+from experiments.bench import filters, scoring, sensing, simulation, start_up, trackers
 from experiments.bench.measure import Block, Case, Clock, measure
 from experiments.bench.plan import Plan
 from experiments.bench.results import Results
@@ -28,6 +28,7 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         trackers.WHAT: Part(trackers.blocks),
         scoring.WHAT: Part(scoring.blocks),
         sensing.WHAT: Part(sensing.blocks),
+        simulation.WHAT: Part(simulation.blocks, simulation.cpu_time, processes=True),
         start_up.WHAT: Part(start_up.blocks, start_up.children, processes=True),
     }
 )

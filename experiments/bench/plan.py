@@ -16,6 +16,7 @@ class Plan:
     objects: numbers of objects of the whole tracker; frames: of its sequence.
     scored: frames of the sequence that is scored, with 20 objects.
     boxes: in view of the sensor.
+    simulated: of dense traffic, for a trace [s].
     """
 
     rounds: int = 7
@@ -30,6 +31,7 @@ class Plan:
     frames: int = 100
     scored: int = 1000
     boxes: int = 200
+    simulated: float = 60.0
 
 
 QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50)

@@ -1,6 +1,7 @@
 """The command `mdkf scenarios`: the catalogue, or one scenario described and drawn."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +16,7 @@ from experiments import terminal
 from experiments.options import Json, NoCache, busy, simulated
 from experiments.worlds.describe import Description, describe
 from experiments.worlds.figure import world_figure
+from mdkf import Trace
 from sim_bridge.parquet import replacing
 
 DOTS_PER_INCH = 150
@@ -22,7 +24,8 @@ DOTS_PER_INCH = 150
 
 def list_scenarios(
     name: Annotated[
-        str | None, typer.Argument(help="A scenario's name or YAML file, to describe.")
+        str | None,
+        typer.Argument(help="A scenario's name, YAML file or SUMO configuration, to describe."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the world that is described.", min=0)] = 0,
     picture: Annotated[
@@ -49,11 +52,13 @@ def list_scenarios(
         with replacing(picture) as temporary:
             world_figure(scenario, trace).savefig(temporary, format="png", dpi=DOTS_PER_INCH)
     if as_json:
-        print(json.dumps({"rows": [{**_row(scenario), "seed": seed, **asdict(told)}]}))
+        print(
+            json.dumps({"rows": [{**_row(scenario), "seed": seed, **asdict(told), **_own(trace)}]})
+        )
         return
     console = Console()
     console.print(terminal.parameter_table(scenario))
-    console.print(_table(told, seed))
+    console.print(_table(told, trace.provenance))
     if picture is not None:
         print(picture)
 
@@ -68,9 +73,17 @@ def _row(scenario: scenarios.Scenario) -> dict[str, Any]:
     }
 
 
-def _table(told: Description, seed: int) -> Table:
+def _own(trace: Trace) -> dict[str, Any]:
+    """What only the trace of a user's own SUMO configuration tells."""
+    told = trace.provenance
+    return {"ego": told["ego"], "left_out": int(told["left_out"])} if "ego" in told else {}
+
+
+def _table(told: Description, provenance: Mapping[str, str]) -> Table:
     table = Table(
-        title=f"seed {seed}, within 60 m of the sensor", title_justify="left", show_header=False
+        title=f"seed {provenance['seed']}, within 60 m of the sensor",
+        title_justify="left",
+        show_header=False,
     )
     objects = ", ".join(f"{count} {kind}" for kind, count in told.objects.items()) or "none"
     standing = "" if told.standing is None else f"; {told.standing} never move"
@@ -83,4 +96,7 @@ def _table(told: Description, seed: int) -> Table:
         ("occlusions, by frames", ", ".join(hidden) or "none"),
     ):
         table.add_row(escape(key), escape(value))
+    if "ego" in provenance:
+        table.add_row("sensor", escape(f"on vehicle {provenance['ego']}"))
+        table.add_row("left out", f"{provenance['left_out']}: they drive through others")
     return table

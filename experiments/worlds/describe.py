@@ -30,12 +30,12 @@ class Description:
 
 
 def describe(trace: Trace) -> Description:
-    """Count what is within 60 m of the sensor.
+    """Count the road users within 60 m of the sensor.
 
     An occlusion is an unbroken run of frames in which less than 15 % of an object is visible, while
     it was and will be seen better: what the sensor loses for a while, nobody having removed it.
     """
-    near = trace.sensor_distance() <= SCORED_RANGE
+    near = trace.road_users() & (trace.sensor_distance() <= SCORED_RANGE)
     seen = near & (trace.visible >= SCORED_VISIBLE)
     ids, first = np.unique(trace.object_id[near], return_index=True)
     kinds = Counter(KINDS[k] for k in trace.kind[near][first].tolist())

@@ -3,13 +3,15 @@
 from xml.etree import ElementTree
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from experiments.population import SCORED_RANGE, SCORED_VISIBLE
-from mdkf.tables import REGIMES, BoolArray, FloatArray, Trace
+from mdkf.tables import REGIMES, BoolArray, FloatArray, IntArray, Trace
 from scenarios import Scenario, SumoScenario
 
 REGIME_COLOURS = {
@@ -19,13 +21,14 @@ REGIME_COLOURS = {
     "changing_acceleration": "#ef6c00",
     "unknown": "#616161",
 }
+_WALL_COLOUR = "#bcaaa4"
 _TALL = 2.0
 """Height from which a box hides a car [m]."""
 
 
 def world_figure(scenario: Scenario, trace: Trace) -> Figure:
-    """All paths within range of the sensor, and the frame in which most objects are hidden."""
-    near = trace.sensor_distance() <= SCORED_RANGE
+    """All paths within range of the sensor, and the frame in which most road users are hidden."""
+    near = trace.road_users() & (trace.sensor_distance() <= SCORED_RANGE)
     hidden = near & (trace.visible < SCORED_VISIBLE)
     frame = int(np.argmax(np.bincount(trace.frame[hidden], minlength=trace.n_frames)))
     ego = trace.ego
@@ -46,6 +49,8 @@ def world_figure(scenario: Scenario, trace: Trace) -> Figure:
     )
     _legend(above, trace)
     _boxes(snapshot, trace, frame, hidden)
+    for axes in (above, snapshot):
+        _walls(axes, trace, frame)
     x, y = ego.x[frame], ego.y[frame]
     snapshot.plot([x], [y], "k^", markersize=9, zorder=5)
     snapshot.set(xlim=(x - SCORED_RANGE, x + SCORED_RANGE), ylim=(y - 35.0, y + 35.0))
@@ -89,27 +94,50 @@ def _paths(axes: Axes, trace: Trace, near: BoolArray) -> None:
 
 
 def _boxes(axes: Axes, trace: Trace, frame: int, hidden: BoolArray) -> None:
-    rows = trace.frame_rows(frame)
+    rows = _rows_of_frame(trace, frame, trace.road_users())
+    faces = np.where(trace.height[rows] >= _TALL, "#455a64", "#b0bec5")
+    faces = np.where(hidden[rows], "#ef5350", faces)
+    boxes = PolyCollection(
+        _outlines(trace, rows),
+        facecolors=list(faces),
+        edgecolors="#263238",
+        linewidths=0.5,
+        zorder=3,
+    )
+    axes.add_collection(boxes)
+
+
+def _walls(axes: Axes, trace: Trace, frame: int) -> None:
+    """Walls as plain areas: they hide, and are nothing that is seen or missed."""
+    rows = _rows_of_frame(trace, frame, ~trace.road_users())
+    areas = PolyCollection(_outlines(trace, rows), facecolors=_WALL_COLOUR, zorder=1)
+    axes.add_collection(areas)
+
+
+def _rows_of_frame(trace: Trace, frame: int, wanted: BoolArray) -> IntArray:
+    there = trace.frame_rows(frame)
+    rows: IntArray = there.start + np.flatnonzero(wanted[there])
+    return rows
+
+
+def _outlines(trace: Trace, rows: IntArray) -> list[FloatArray]:
+    """Corners (4, 2) of the rows' boxes [m]."""
     size = np.column_stack([trace.length[rows], trace.width[rows]]) / 2
     corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * size[:, None, :]
     cosine, sine = np.cos(trace.yaw[rows])[:, None], np.sin(trace.yaw[rows])[:, None]
     x = corners[..., 0] * cosine - corners[..., 1] * sine + trace.x[rows][:, None]
     y = corners[..., 0] * sine + corners[..., 1] * cosine + trace.y[rows][:, None]
-    faces = np.where(trace.height[rows] >= _TALL, "#455a64", "#b0bec5")
-    faces = np.where(hidden[rows], "#ef5350", faces)
-    outlines = list(np.stack([x, y], axis=-1))
-    boxes = PolyCollection(
-        outlines, facecolors=list(faces), edgecolors="#263238", linewidths=0.5, zorder=3
-    )
-    axes.add_collection(boxes)
+    return list(np.stack([x, y], axis=-1))
 
 
 def _legend(axes: Axes, trace: Trace) -> None:
     present = [name for code, name in enumerate(REGIMES) if (trace.regime == code).any()]
-    handles = [
+    handles: list[Artist] = [
         Line2D([], [], color=REGIME_COLOURS[name], linewidth=2, label=name.replace("_", " "))
         for name in present
     ]
     handles.append(Line2D([], [], color="#616161", linewidth=0.5, label="thin: hidden"))
     handles.append(Line2D([], [], color="black", linestyle="--", label="the sensor's path"))
+    if not trace.road_users().all():
+        handles.append(Patch(color=_WALL_COLOUR, label="wall"))
     axes.legend(handles=handles, fontsize=8, loc="upper left", ncols=3)

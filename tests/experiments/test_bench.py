@@ -2,21 +2,24 @@
 
 import gc
 import json
+import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import repeat
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import mdkf
-from experiments.bench import command, filters, scoring, sensing, targets, trackers
+from experiments.bench import command, filters, scoring, sensing, simulation, targets, trackers
 from experiments.bench.measure import Block, Case, Summary, measure, paired, summary
 from experiments.bench.parts import PARTS
 from experiments.bench.plan import Plan
 from experiments.bench.results import Results
+from sim_bridge import simulate
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.overlap import first_overlap
 from tests.experiments.commands import Mdkf
@@ -34,6 +37,7 @@ TINY = Plan(
     frames=12,
     scored=10,
     boxes=9,
+    simulated=2.0,
 )
 KEYS = [
     *("what", "name", "tier", "size", "median", "unit", "ratio", "ratio_to"),
@@ -228,6 +232,17 @@ def test_boxes_stand_apart_and_hide_each_other() -> None:
     assert (fractions < 0.01).any()
 
 
+def test_the_simulated_world_is_as_dense_as_it_says() -> None:
+    """About 200 objects in every frame, and SUMO alone runs on the same inputs."""
+    dense = simulation.world(3.0)
+    per_frame = np.bincount(simulate(dense, simulation.SEED).frame)
+    assert len(per_frame) == 30
+    assert abs(per_frame / simulation.VEHICLES - 1.0).max() < 0.15
+    simulation.sumo_alone(dense)
+    with pytest.raises(subprocess.CalledProcessError):
+        simulation.sumo_alone(replace(dense, network=Path("no.net.xml")))
+
+
 def test_targets_are_judged_by_the_median() -> None:
     """600 of 500 times is met, 150 of 200 is not, 1.9 of 2 is met but not clearly."""
     clock = FakeTime()
@@ -267,7 +282,7 @@ def test_the_document_has_rows_of_the_promised_form(mdkf_command: Mdkf) -> None:
     assert (answer.status, answer.err) == (0, "")
     document = json.loads(answer.out)
     rows = document["rows"]
-    assert {row["what"] for row in rows} == {*WORDS, "start-up"}
+    assert {row["what"] for row in rows} == {*WORDS, "simulation", "start-up"}
     for row in rows:
         assert list(row) == KEYS
         assert 0 < row["low"] <= row["median"] <= row["high"] < np.inf
