@@ -230,6 +230,24 @@ BAD = {
         replaced('vClass="truck"', 'vClass="tram"'),
         "tram",
     ),
+    "a traffic light that writes": (
+        "detectors.add.xml",
+        instead(
+            '<additional><tlLogic id="t" programID="1"><param key="file" value="/tmp/x"/>'
+            "</tlLogic></additional>"
+        ),
+        "'file' would write a file",
+    ),
+    "a network that writes": (
+        "network.net.xml",
+        replaced("</net>", '<tlLogic id="t"><param key="file" value="x"/></tlLogic></net>'),
+        "'file' would write a file",
+    ),
+    "an option in a value": (
+        "town.sumocfg",
+        replaced("<time>", '<time><sloppy-insert value="--summary-output=summary.xml"/>'),
+        "sloppy-insert",
+    ),
     "bad option": (
         "town.sumocfg",
         replaced('speeddev value="0.05"', 'speeddev value="wide"'),
