@@ -215,7 +215,7 @@ BAD = {
         "types.rou.xml",
         replaced(
             'length="4.5"/>',
-            'length="4.5"><param key="device.ssm.file" value="/tmp/x"/></vType>',
+            'length="4.5"><param key="device.ssm.file" value="x.xml"/></vType>',
         ),
         "would write a file",
     ),
@@ -233,7 +233,7 @@ BAD = {
     "a traffic light that writes": (
         "detectors.add.xml",
         instead(
-            '<additional><tlLogic id="t" programID="1"><param key="file" value="/tmp/x"/>'
+            '<additional><tlLogic id="t" programID="1"><param key="file" value="x.xml"/>'
             "</tlLogic></additional>"
         ),
         "'file' would write a file",
