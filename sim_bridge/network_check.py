@@ -50,6 +50,7 @@ def check_network(path: Path) -> frozenset[str]:
     for tag in ("location", "edge", "junction"):
         if root.find(tag) is None:
             raise SimulationError(f"{path}: the network has no <{tag}>")
+    _check_parameters(path, root)
     junctions = {junction.get("id") for junction in root.iter("junction")}
     edges = set()
     for edge in root.iter("edge"):
@@ -144,10 +145,11 @@ def _check_departures(
 
 
 def _check_parameters(path: Path, root: ElementTree.Element) -> None:
-    """Refuse parameters by which a vehicle's device would write a file."""
+    """Refuse parameters by which a vehicle's device or a traffic light would write a file."""
     for parameter in root.iter("param"):
         key = parameter.get("key", "")
-        if key.startswith("device.") and key.endswith((".file", ".output")):
+        device = key.startswith("device.") and key.endswith((".file", ".output"))
+        if (device or key == "file") and parameter.get("value") != NOWHERE:
             raise SimulationError(f"{path}: param {key!r} would write a file; take it out")
 
 

@@ -64,9 +64,8 @@ def options(request: dict[str, Any]) -> list[str]:
     ]  # fmt: skip
     if request["additional"]:
         chosen += ["--additional-files", ",".join(request["additional"])]
-    for name, value in request["options"].items():
-        chosen += [f"--{name}", value]
-    return chosen
+    # In one word: SUMO would take a value that begins with a dash for another option.
+    return chosen + [f"--{name}={value}" for name, value in request["options"].items()]
 
 
 def simulate(request: dict[str, Any], folder: Path) -> dict[str, Any]:

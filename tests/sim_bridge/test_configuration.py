@@ -215,7 +215,7 @@ BAD = {
         "types.rou.xml",
         replaced(
             'length="4.5"/>',
-            'length="4.5"><param key="device.ssm.file" value="/tmp/x"/></vType>',
+            'length="4.5"><param key="device.ssm.file" value="x.xml"/></vType>',
         ),
         "would write a file",
     ),
@@ -229,6 +229,24 @@ BAD = {
         "types.rou.xml",
         replaced('vClass="truck"', 'vClass="tram"'),
         "tram",
+    ),
+    "a traffic light that writes": (
+        "detectors.add.xml",
+        instead(
+            '<additional><tlLogic id="t" programID="1"><param key="file" value="x.xml"/>'
+            "</tlLogic></additional>"
+        ),
+        "'file' would write a file",
+    ),
+    "a network that writes": (
+        "network.net.xml",
+        replaced("</net>", '<tlLogic id="t"><param key="file" value="x"/></tlLogic></net>'),
+        "'file' would write a file",
+    ),
+    "an option in a value": (
+        "town.sumocfg",
+        replaced("<time>", '<time><sloppy-insert value="--summary-output=summary.xml"/>'),
+        "sloppy-insert",
     ),
     "bad option": (
         "town.sumocfg",

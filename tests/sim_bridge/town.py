@@ -7,8 +7,8 @@ from pathlib import Path
 import scenarios
 from scenarios import RoutedScenario
 
-NETWORK = scenarios.load("off_scene")
-assert isinstance(NETWORK, RoutedScenario)
+OFF_SCENE = scenarios.load("off_scene")
+assert isinstance(OFF_SCENE, RoutedScenario)
 
 CONFIGURATION = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -86,7 +86,7 @@ Edit = Callable[[str], str]
 def write_town(folder: Path, edits: dict[str, Edit] | None = None) -> Path:
     """The files in a folder, some of them edited; the path of the configuration."""
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copy(NETWORK.network, folder / "network.net.xml")
+    shutil.copy(OFF_SCENE.network, folder / "network.net.xml")
     for name, text in FILES.items():
         (folder / name).write_text(text)
     for name, edit in (edits or {}).items():
