@@ -9,6 +9,8 @@ ENVIRONMENTS = {
     "mdkf/motorway-v0": "motorway:Motorway",
     "mdkf/stop-and-go-wave-v0": "motorway:StopAndGoWave",
     "mdkf/merge-v0": "motorway:Merge",
+    "mdkf/roundabout-v0": "junctions:Roundabout",
+    "mdkf/intersection-v0": "junctions:Intersection",
 }
 
 

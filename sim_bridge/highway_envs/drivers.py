@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
 
-_NEAR = 25.0
+NEAR = 25.0
 """More than two lorries and what they drive in a step [m]."""
 
 
@@ -51,16 +51,26 @@ class Driver(IDMVehicle):  # type: ignore[misc]
             return
         self._since_decision = 0.0
         super().act()
-        wish = self._stop_in_queue(self.wish(self.action["acceleration"]))
+        gap, ahead = np.inf, 0.0
+        if self.speed <= self.HALT_SPEED:
+            front, _ = self.road.neighbour_vehicles(self, self.lane_index)
+            if front is not None:
+                gap, ahead = self._gap(self, front), front.speed
+        self.press(self.wish(self.action["acceleration"]), gap, ahead)
+
+    def wish(self, acceleration: float) -> float:
+        """The acceleration that the driver wants, given the model's [m/s2]."""
+        return acceleration
+
+    def press(self, wish: float, gap: float, ahead: float) -> None:
+        """Put a wish [m/s2] on the pedals, never abruptly: a free `gap` [m] is before the bumper,
+        and behind it something drives at `ahead` [m/s]."""
+        wish = self._stop_in_queue(wish, gap, ahead)
         # From standstill the brake is off at once.
         before = self._command if self.speed > 0.0 else max(self._command, 0.0)
         change = self.JERK * self.REACTION
         self._command = float(np.clip(wish, before - change, before + change))
         self.action["acceleration"] = self._command
-
-    def wish(self, acceleration: float) -> float:
-        """The acceleration that the driver wants, given the model's [m/s2]."""
-        return acceleration
 
     def step(self, dt: float) -> None:
         """Move on, but not backwards."""
@@ -72,7 +82,7 @@ class Driver(IDMVehicle):  # type: ignore[misc]
 
     def handle_collisions(self, other: Any, dt: float = 0) -> None:
         """Look closer only at who is near; there are many pairs and this is half of the time."""
-        if abs(self.position[0] - other.position[0]) < _NEAR:
+        if abs(self.position[0] - other.position[0]) < NEAR:
             super().handle_collisions(other, dt)
 
     def acceleration(
@@ -81,17 +91,21 @@ class Driver(IDMVehicle):  # type: ignore[misc]
         """The model's acceleration [m/s2] of a vehicle behind another."""
         if not isinstance(ego_vehicle, Driver):
             return 0.0
-        driver, speed = ego_vehicle, max(ego_vehicle.speed, 0.0)
-        limit = driver.lane.speed_limit or np.inf
-        target = max(min(driver.target_speed, limit), 0.1)
-        share = 1.0 - (speed / target) ** 4
-        if front_vehicle:
-            gap = max(self._gap(driver, front_vehicle), 0.1)
-            closing = speed - float(front_vehicle.velocity @ driver.direction)
-            braking = speed * closing / (2.0 * np.sqrt(driver.ACCELERATION * driver.BRAKING))
-            wanted = driver.JAM_GAP + max(speed * driver.TIME_GAP + braking, 0.0)
-            share -= (wanted / gap) ** 2
-        return float(max(driver.ACCELERATION * share, -driver.HARDEST_BRAKING))
+        driver = ego_vehicle
+        target = min(driver.target_speed, driver.lane.speed_limit or np.inf)
+        if not front_vehicle:
+            return driver.follow(target)
+        ahead = float(front_vehicle.velocity @ driver.direction)
+        return driver.follow(target, self._gap(driver, front_vehicle), ahead)
+
+    def follow(self, target: float, gap: float = np.inf, ahead: float = 0.0) -> float:
+        """The model's acceleration [m/s2] towards `target` [m/s], `gap` [m] behind something that
+        drives at `ahead` [m/s]."""
+        speed = max(self.speed, 0.0)
+        braking = speed * (speed - ahead) / (2.0 * np.sqrt(self.ACCELERATION * self.BRAKING))
+        wanted = self.JAM_GAP + max(speed * self.TIME_GAP + braking, 0.0)
+        share = 1.0 - (speed / max(target, 0.1)) ** 4 - (wanted / max(gap, 0.1)) ** 2
+        return float(max(self.ACCELERATION * share, -self.HARDEST_BRAKING))
 
     def mobil(self, lane_index: Any) -> bool:
         """Whether to change to a lane: not beside or just before anyone who is or wants there."""
@@ -103,16 +117,14 @@ class Driver(IDMVehicle):  # type: ignore[misc]
                     return False
         return bool(super().mobil(lane_index))
 
-    def _stop_in_queue(self, wish: float) -> float:
+    def _stop_in_queue(self, wish: float, gap: float, ahead: float) -> float:
         """Halt behind who stands, where the model alone would creep up for ever, and wait there
         until there is room to drive on."""
         if self.speed > self.HALT_SPEED:
             return wish
-        front, _ = self.road.neighbour_vehicles(self, self.lane_index)
-        gap = np.inf if front is None else self._gap(self, front)
         if self.speed == 0.0:
             return wish if gap > self.JAM_GAP + self.START_ROOM else 0.0
-        halts = front is not None and front.speed < self.HALT_SPEED / 2
+        halts = ahead < self.HALT_SPEED / 2
         return -0.8 if halts and gap < self.JAM_GAP + self.START_ROOM / 2 else wish
 
     @staticmethod
@@ -136,6 +148,14 @@ class Van(Driver):
     KIND, HEIGHT = "van", 2.4  # m
     LENGTH, WIDTH = 6.0, 2.0  # m
     ACCELERATION = 1.4  # m/s2
+
+
+class Bicycle(Driver):
+    """A bicycle and its rider."""
+
+    KIND, HEIGHT = "bicycle", 1.7  # m
+    LENGTH, WIDTH = 1.8, 0.6  # m
+    ACCELERATION = 1.0  # m/s2
 
 
 class Leader(Driver):
