@@ -11,6 +11,8 @@ ENVIRONMENTS = {
     "mdkf/merge-v0": "motorway:Merge",
     "mdkf/roundabout-v0": "junctions:Roundabout",
     "mdkf/intersection-v0": "junctions:Intersection",
+    "mdkf/parked-truck-v0": "two_way:ParkedTruck",
+    "mdkf/overtaking-v0": "two_way:Overtaking",
 }
 
 

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 from highway_env.road.road import Road
-from highway_env.vehicle.kinematics import Vehicle
 
 from mdkf.tables import FloatArray
-from sim_bridge.highway_envs.drivers import NEAR, Driver, Truck, Van
+from sim_bridge.highway_envs.drivers import NEAR, Bicycle, Driver, Truck, Van
 from sim_bridge.highway_envs.paths import SPACING, Conflict, Path, conflicts
 
 
@@ -91,6 +90,9 @@ class RouteDriver(Driver):
     MARGIN = 1.0  # s between who gives way and who has it
     HARD_STOP = 3.5  # m/s2; who would have to brake harder before the line drives on
 
+    departure = 0.0
+    """Time [s] until which a vehicle that stands goes on doing so."""
+
     def __init__(
         self,
         road: RouteRoad,
@@ -124,6 +126,9 @@ class RouteDriver(Driver):
         if action is not None or self.crashed or self._since_decision < self.REACTION - 1e-9:
             return
         self._since_decision = 0.0
+        self.departure -= self.REACTION
+        if self.departure > 0.0 and self.speed == 0.0:
+            return
         self.decide()
         self.action["steering"] = self._steering()
         target = min(self.target_speed, self._allowed(self.place + self.PREVIEW * self.speed))
@@ -277,10 +282,18 @@ class RouteVan(RouteDriver, Van):
     """A delivery van on a route."""
 
 
-class RouteTruck(RouteDriver, Truck):
+class RouteLorry(RouteDriver, Truck):
+    """A long lorry on a route."""
+
+
+class RouteTruck(RouteLorry):
     """A lorry for towns on a route."""
 
     LENGTH, WIDTH = 8.5, 2.45  # m
+
+
+class RouteBicycle(RouteDriver, Bicycle):
+    """A bicycle on a route."""
 
 
 class Parked(Driver):
@@ -292,15 +305,10 @@ class Parked(Driver):
     def step(self, dt: float) -> None:
         """It stands."""
 
-    def handle_collisions(self, other: Any, dt: float = 0) -> None:
-        """Who moves looks."""
-        if not isinstance(other, Parked):
-            Vehicle.handle_collisions(self, other, dt)
-
 
 class ParkedVan(Parked, Van):
     """A delivery van that never moves."""
 
 
-class ParkedTruck(Parked, Truck):
-    """A lorry that never moves."""
+class ParkedLorry(Parked, Truck):
+    """A long lorry that never moves."""
