@@ -55,8 +55,9 @@ class OvertakingCar(RouteDriver):
         )
 
     def lanes(self) -> tuple[float, ...]:
-        """Where it is, and where it is going."""
-        return (self.lateral()[0], self._to)
+        """Where it is, and where it is going: back, once it is past."""
+        past = self._passed is not None and self._passed.front < self.rear
+        return (self.lateral()[0], 0.0 if past else self._to)
 
     @property
     def overtakes(self) -> bool:

@@ -18,7 +18,7 @@ SPACING = 0.5  # m between samples
 ROUNDING = 2.5  # m, standard deviation of the kernel that rounds corners
 LATERAL_ACCELERATION = 2.0  # m/s2 in bends
 BRAKING = 1.2  # m/s2 before bends
-CLEARANCE = 3.0
+CLEARANCE = 2.8
 """Paths closer than this are in conflict [m]: two lorries and some air; lanes are 4 m apart."""
 MERGE = 8.0
 """How much of a common path counts as conflict [m]; from there on one follows the other."""

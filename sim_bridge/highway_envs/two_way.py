@@ -32,6 +32,7 @@ LENGTH = 1800.0
 class _TwoWay(TwoWayEnv):  # type: ignore[misc]
     """A straight road with one lane in each direction."""
 
+    HEADWAY = 2.4  # s, the shortest
     road: Any
 
     def _rewards(self, action: int) -> dict[str, float]:
@@ -54,9 +55,11 @@ class _TwoWay(TwoWayEnv):  # type: ignore[misc]
         self.road.vehicles.append(vehicle)
         return vehicle
 
-    def _headway(self, shortest: float, traffic: float) -> float:
-        """Time to the next vehicle [s], with `traffic` vehicles per second on average."""
-        return shortest + float(self.np_random.exponential(max(1.0 / traffic - shortest, 0.1)))
+    def _headway(self, traffic: float) -> float:
+        """Time to the next vehicle [s], with `traffic` vehicles per second on average, of which
+        every other one closes up."""
+        closed_up, wait = self.np_random.random() < 0.5, self.np_random.exponential()
+        return self.HEADWAY + (0.0 if closed_up else 2.0 * (1.0 / traffic - self.HEADWAY) * wait)
 
 
 class ParkedTruck(_TwoWay):
@@ -66,7 +69,7 @@ class ParkedTruck(_TwoWay):
 
     TRUCK = 900.0  # m, where the lorry stands
     BESIDE = 1.0  # m, y of the way past it
-    SHIFT, AIR = 20.0, 3.0  # m to get there, m between that and the lorry
+    SHIFT, AIR = 17.0, 2.0  # m to get there, m between that and the lorry
     KERB = 3.4  # m from the middle of the lane to that of the parked cars
     ROW = (-100.0, 140.0)  # m around the lorry
     SLOT, PULL_OUT = 6.6, 20.0  # m
@@ -76,7 +79,7 @@ class ParkedTruck(_TwoWay):
     def default_config(cls) -> dict[str, Any]:
         """highway-env's; speed [m/s], vehicles per second in the ego vehicle's direction and
         in the other, share of lorries among them, share of the parking places in use."""
-        ours = {"speed": 9.0, "traffic": 0.1, "oncoming": 0.06, "trucks": 0.2, "parked": 0.8}
+        ours = {"speed": 9.0, "traffic": 0.1, "oncoming": 0.04, "trucks": 0.2, "parked": 0.8}
         return {**super().default_config(), **ours}
 
     def _make_road(self, length: float = LENGTH) -> None:
@@ -112,11 +115,11 @@ class ParkedTruck(_TwoWay):
             vehicle = self._put(RouteDriver if ego else self._any_kind(), self.past, x, speed)
             if ego:
                 self.controlled_vehicles = [vehicle]
-            x -= speed * (2.5 if k == 0 else self._headway(2.5, self.config["traffic"]))
+            x -= speed * (self.HEADWAY if k == 0 else self._headway(self.config["traffic"]))
         x = self.TRUCK - random.uniform(50.0, 90.0)
         while x < self.TRUCK + 500.0:
             self._put(self._any_kind(), self.west, x, speed)
-            x += speed * self._headway(2.5, self.config["oncoming"])
+            x += speed * self._headway(self.config["oncoming"])
 
     def _any_kind(self) -> type[RouteDriver]:
         draw, trucks = self.np_random.random(), self.config["trucks"]
@@ -135,7 +138,7 @@ class ParkedTruck(_TwoWay):
             kind = ParkedVan if random.random() < self.VAN_SHARE else Parked
             place = [x + random.uniform(-0.3, 0.3), y + random.uniform(-0.15, 0.15)]
             # Room to pull out, and to have stood there.
-            free = not -self.SLOT < way * (x - leaver) < self.PULL_OUT
+            free = not -self.SLOT < way * (x - leaver) < self.PULL_OUT + 2.0
             if random.random() < self.config["parked"] and free:
                 self.road.vehicles.append(kind(self.road, place, heading))
             x += self.SLOT
@@ -144,7 +147,8 @@ class ParkedTruck(_TwoWay):
         """A car at the kerb that drives off some time later, when there is a gap."""
         net, way = self.road.network, np.cos(heading)
         lane, end = (EAST, LENGTH) if way > 0 else (WEST, 0.0)
-        behind, begin, clear = x - 6.0 * way, x + 3.0 * way, x + (3.0 + self.PULL_OUT) * way
+        # It stands behind its line.
+        behind, begin, clear = (x + way * d for d in (-10.0, 4.5, 4.5 + self.PULL_OUT))
         names = [f"{name} {'east' if way > 0 else 'west'}" for name in ("kerb", "go", "gone")]
         net.add_lane(names[0], names[1], StraightLane([behind, y], [begin, y]))
         net.add_lane(names[1], names[2], self._shift(begin, clear, y, lane))
@@ -152,25 +156,27 @@ class ParkedTruck(_TwoWay):
         nodes = [*names, "b" if way > 0 else "a"]
         route = [(a, b, 0) for a, b in pairwise(nodes)]
         path = path_along(net, route, approach=1, setback=0.0)
-        car = RouteDriver(self.road, path, 6.0, 0.0, target_speed=float(self.config["speed"]))
+        car = RouteDriver(self.road, path, 10.0, 0.0, target_speed=float(self.config["speed"]))
         car.departure = float(self.np_random.uniform(8.0, 25.0))
         self.road.vehicles.append(car)
 
 
 class Overtaking(_TwoWay):
-    """Cars behind slow lorries and bicycles, which they overtake when nobody comes the other way.
+    """Cars behind slow lorries and bicycles, which they overtake when nobody comes the other way;
+    a few stand on the verge.
 
-    The ego vehicle is the second behind the slow lorry in the middle.
+    The ego vehicle is the first behind the second slow one.
     """
 
     START = 500.0  # m
-    QUEUES = 3
+    QUEUES = 5
+    VERGE = 4.2  # m from the middle of the lane to that of cars left beside the road
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
         """highway-env's; speed and that of slow lorries [m/s], vehicles behind each slow one,
         oncoming vehicles per second."""
-        ours = {"speed": 17.0, "slow": 7.0, "followers": 3, "oncoming": 0.05}
+        ours = {"speed": 17.0, "slow": 7.0, "followers": 2, "oncoming": 0.05}
         return {**super().default_config(), **ours}
 
     def _make_vehicles(self) -> None:
@@ -185,16 +191,21 @@ class Overtaking(_TwoWay):
             back = x
             for k in range(config["followers"]):
                 back -= mine[-1].LENGTH / 2 + random.uniform(14.0, 24.0)
-                ego = queue == 1 and k == min(1, config["followers"] - 1)
+                ego = queue == 1 and k == 0
                 follower = OvertakingVan if random.random() < 0.2 and not ego else OvertakingCar
                 mine.append(self._put(follower, self.east, back, speed))
                 mine[-1].speed = mine[0].speed
                 if ego:
                     self.controlled_vehicles = [mine[-1]]
-            x += random.uniform(130.0, 170.0)
+            x += random.uniform(35.0, 45.0) * (config["followers"] + 1)
+        for y, heading in ((EAST + self.VERGE, 0.0), (WEST - self.VERGE, np.pi)):
+            x = self.START + random.uniform(0.0, 60.0)
+            while x < LENGTH - 500.0:
+                self.road.vehicles.append(Parked(self.road, [x, y], heading))
+                x += random.uniform(30.0, 90.0)
         x = self.START - 50.0
         while x < LENGTH - 30.0:
             kinds = (RouteDriver, RouteVan, RouteLorry)
-            kind = kinds[int(random.choice(3, p=[0.7, 0.15, 0.15]))]
+            kind = kinds[int(random.choice(3, p=[0.6, 0.15, 0.25]))]
             self._put(kind, self.west, x, 0.9 * speed)
-            x += 0.9 * speed * self._headway(2.5, config["oncoming"])
+            x += 0.9 * speed * self._headway(config["oncoming"])

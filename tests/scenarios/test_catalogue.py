@@ -30,6 +30,7 @@ def test_the_catalogue_lists_its_scenarios() -> None:
         *("stop_and_go", "merge", "motorway", "stop_and_go_wave", "brake_to_standstill", "circle"),
         *("constant_acceleration", "constant_jerk", "constant_velocity", "journey"),
         *("lane_change", "pull_away", "stationary"),
+        *("intersection", "overtaking", "parked_truck", "small_roundabout"),
     }
     for name in scenarios.list():
         assert scenarios.load(name).name == name
