@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-from mdkf.tables import FloatArray
+from mdkf.tables import FloatArray, IntArray
 
 SPACING = 0.5  # m between samples
 ROUNDING = 2.5  # m, standard deviation of the kernel that rounds corners
@@ -107,26 +107,29 @@ def conflicts(mine: Path, theirs: Path) -> tuple[Conflict, ...]:
 
     A common start is none: there one follows the other.
     """
-    tree = cKDTree(np.column_stack([theirs.x, theirs.y]))
-    distance, found_at = tree.query(
-        np.column_stack([mine.x, mine.y]), distance_upper_bound=CLEARANCE
-    )
-    there = np.asarray(found_at)
-    near = np.flatnonzero(np.isfinite(distance))
+    here, there = (np.column_stack([path.x, path.y]) for path in (mine, theirs))
+    near = _near(there, here)
     found = []
     for run in np.split(near, np.flatnonzero(np.diff(near) > 1) + 1):
         if not len(run):
             continue
-        along = there[run]
-        first, last = run[0] * SPACING, run[-1] * SPACING
-        low, high = along.min() * SPACING, along.max() * SPACING
+        along = _near(here[run], there)
+        (first, last), (low, high) = ((float(r[0]), float(r[-1])) for r in (run, along))
         merges = bool(np.cos(mine.course[run[-1]] - theirs.course[along[-1]]) > 0.5)
         if merges:
             if first == 0.0 or low == 0.0:
                 continue
-            last, high = first + MERGE, low + MERGE
-        found.append(Conflict((first, last), (low, high), merges))
+            last, high = first + MERGE / SPACING, low + MERGE / SPACING
+        found.append(
+            Conflict((first * SPACING, last * SPACING), (low * SPACING, high * SPACING), merges)
+        )
     return tuple(found)
+
+
+def _near(points: FloatArray, others: FloatArray) -> IntArray:
+    """Which of the others (n, 2) are closer than `CLEARANCE` to a point (m, 2)."""
+    distance, _ = cKDTree(points).query(others, distance_upper_bound=CLEARANCE)
+    return np.flatnonzero(np.isfinite(distance))
 
 
 def _evenly(points: FloatArray) -> FloatArray:

@@ -79,7 +79,7 @@ class ParkedTruck(_TwoWay):
     def default_config(cls) -> dict[str, Any]:
         """highway-env's; speed [m/s], vehicles per second in the ego vehicle's direction and
         in the other, share of lorries among them, share of the parking places in use."""
-        ours = {"speed": 9.0, "traffic": 0.1, "oncoming": 0.04, "trucks": 0.2, "parked": 0.8}
+        ours = {"speed": 9.0, "traffic": 0.1, "oncoming": 0.04, "trucks": 0.2, "parked": 0.6}
         return {**super().default_config(), **ours}
 
     def _make_road(self, length: float = LENGTH) -> None:
