@@ -22,7 +22,7 @@ FREQUENCY = 50
 POLICY_FREQUENCY = 10
 """Actions of the ego vehicle per second; `FREQUENCY` must be a multiple, or nothing moves."""
 
-DRIVER = "sim_bridge.highway_envs.Driver"
+DRIVER = "sim_bridge.highway_envs.drivers.Driver"
 """Who drives every vehicle. highway-env's own drivers change lanes with 30 m/s2 across."""
 
 DEFAULT_KIND, DEFAULT_HEIGHT = "car", 1.5  # m; for vehicles of classes that do not say
@@ -133,7 +133,7 @@ def _default_config(scenario: HighwayScenario) -> dict[str, Any]:
 
 def _seat_driver(world: Any) -> None:
     """Put a driver who decides for himself into the vehicle that actions would control."""
-    from sim_bridge.highway_envs import Driver
+    from sim_bridge.highway_envs.drivers import Driver
 
     ego = world.vehicle
     if not isinstance(ego, Driver):

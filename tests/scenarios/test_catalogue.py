@@ -31,6 +31,7 @@ def test_the_catalogue_lists_its_scenarios(tmp_path: Path, monkeypatch: pytest.M
         *("stop_and_go", "merge", "motorway", "stop_and_go_wave", "brake_to_standstill", "circle"),
         *("constant_acceleration", "constant_jerk", "constant_velocity", "journey"),
         *("lane_change", "passing_bus", "pull_away", "stationary"),
+        *("intersection", "overtaking", "parked_truck", "small_roundabout"),
     }
     for name in scenarios.list():
         assert scenarios.load(name).name == name
