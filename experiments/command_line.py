@@ -25,6 +25,7 @@ import sim_bridge
 from experiments import run as runs
 from experiments import terminal
 from experiments.bench.command import bench
+from experiments.detectors.command import check_detector, fit_detector
 from experiments.occlusion import OcclusionProtocol
 from experiments.options import Json, NoCache, busy, simulated
 from experiments.paper.command import paper
@@ -259,6 +260,13 @@ app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop --picture
     list_scenarios
 )
 app.command(name="cache", epilog="Example: mdkf cache --clear")(show_cache)
+app.command(
+    name="fit-detector",
+    epilog="Example: mdkf fit-detector --root KITTI --detections KITTI/detections/pointrcnn",
+)(fit_detector)
+app.command(
+    name="check-detector", epilog="Example: mdkf check-detector pointrcnn --root KITTI --split val"
+)(check_detector)
 app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 

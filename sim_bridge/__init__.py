@@ -11,13 +11,14 @@ from sim_bridge.kitti import kitti_detections, kitti_trace
 from sim_bridge.kitti_files import KittiError
 from sim_bridge.network_check import SimulationError
 from sim_bridge.parquet import read_table, write_table
-from sim_bridge.profile import ProfileError, load_profile, profile_names
+from sim_bridge.profile import Profile, ProfileError, load_profile, profile_names
 from sim_bridge.recorded import check_detector, detector_name, is_recorded
 from sim_bridge.simulate import SeedRefused, check_inputs, simulate
 from sim_bridge.trace_cache import TraceCache, user_cache
 
 __all__ = [
     "KittiError",
+    "Profile",
     "ProfileError",
     "SeedRefused",
     "SimulationError",

@@ -1,50 +1,56 @@
 """A trace into detections: what a LiDAR detector on the ego vehicle would report.
 
 Every object has a random stream of its own, drawn for all of its frames before anything is
-dropped, so hiding or removing one object changes no number of another's.
+dropped, so hiding or removing one object changes no noise of another's.
 """
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.random import Generator
-from scipy.signal import lfilter
-from scipy.special import expit
+from scipy.special import expit, ndtr
 
-from mdkf.tables import CLUTTER, WALL, Detections, FloatArray, IntArray, Trace
-from sim_bridge.profile import Correlation, Noise, Profile, load_profile
+from mdkf.tables import WALL, Detections, FloatArray, IntArray, Trace
+from sim_bridge.clutter import SMALLEST, flashes, ghosts
+from sim_bridge.line_of_sight import visible_sides
+from sim_bridge.noise import correlated, drifting, heavy_tailed
+from sim_bridge.point_count import lone_point_counts
+from sim_bridge.profile import Correlation, Error, Profile, Score, load_profile
 from sim_bridge.randomness import stream
 from sim_bridge.recorded import is_recorded, recorded_detections
 
-_SMALLEST = 0.3
-"""Smallest side of a reported box [m]: size noise must not turn a bicycle inside out."""
+BATCH = 100_000
+"""Rows that are worked on at a time: memory beyond the result does not grow with the trace."""
+
+NEAREST = 3.0
+"""Distance below which errors grow no more [m]."""
+
+_SIZE = ("length", "width", "height")
+_BOX = ("x", "y", "z", "yaw", *_SIZE)
 
 
-def detect(trace: Trace, detector: str | Path = "pointrcnn", seed: int = 0) -> Detections:
-    """The detections of a trace by the profile `detector` (a name or a YAML file).
+def detect(trace: Trace, detector: str | Path | Profile = "pointrcnn", seed: int = 0) -> Detections:
+    """The detections of a trace by the profile `detector` (a name, a YAML file, or itself).
 
     The same trace, profile and seed give the same bytes. `source` holds the objects' ids and
     `CLUTTER` for false boxes. `recorded:NAME` are the recorded detections of a recorded trace, to
     which the seed does nothing. Raises `ProfileError` for a bad profile.
     """
-    if is_recorded(detector):
-        return recorded_detections(trace, str(detector))
-    profile = load_profile(detector)
+    if isinstance(detector, str) and is_recorded(detector):
+        return recorded_detections(trace, detector)
+    profile = detector if isinstance(detector, Profile) else load_profile(detector)
     seed = operator.index(seed)
     key = (trace.provenance.get("identity", ""), trace.provenance.get("seed", ""), seed)
-    distance = trace.sensor_distance()
-    parts = []
-    # Far objects cannot be seen, but what they draw must not depend on that.
-    for identifier in trace.ids():
-        rows = trace.rows_of(int(identifier))
-        if trace.kind[rows[0]] != WALL and distance[rows].min() <= profile.max_range:
-            rng = stream("detect", *key, int(identifier))
-            parts.append(_detect_object(trace, rows, distance[rows], profile, rng))
-    parts.append(_clutter(trace, profile, stream("clutter", *key)))
+    scene = _Scene.of(trace, profile)
+    parts = [_detect_objects(scene, *batch, profile, key) for batch in _batches(scene, profile)]
+    parts.append(flashes(trace.ego, profile, stream("clutter", *key)))
+    parts.append(ghosts(trace.ego, profile, stream("ghosts", *key)))
     columns = {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+    if profile.pose is not None:
+        columns |= _misplaced(trace, profile, columns, key)
     provenance = {
         **trace.provenance,
         "detector": profile.name,
@@ -56,114 +62,151 @@ def detect(trace: Trace, detector: str | Path = "pointrcnn", seed: int = 0) -> D
     )
 
 
-def _detect_object(
-    trace: Trace, rows: IntArray, distance: FloatArray, profile: Profile, rng: Generator
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A trace, and what its rows (rows,) are to the sensor: distance [m], LiDAR returns, and how
+    far the middle of what is visible is from the box's, to the left [m].
+
+    What hides an object is known by its visible fraction alone, so that rows which were taken out
+    of a trace still hide what they hid; only the side on which they hid it is then lost.
+    """
+
+    trace: Trace
+    distance: FloatArray
+    points: FloatArray
+    side: FloatArray
+
+    @staticmethod
+    def of(trace: Trace, profile: Profile) -> "_Scene":
+        ego, distance = trace.ego, trace.sensor_distance()
+        boxes = np.column_stack([getattr(trace, name) for name in _BOX])
+        seen = np.column_stack([ego.x, ego.y, ego.z]), trace.frame_start, boxes
+        side = visible_sides(*seen) if profile.side_share else np.zeros(len(trace))
+        return _Scene(trace, distance, lone_point_counts(*seen) * trace.visible, side * distance)
+
+
+def _batches(scene: _Scene, profile: Profile) -> Iterator[tuple[IntArray, IntArray]]:
+    """Rows of the trace, object by object, and how many each object has.
+
+    Walls, and objects that never come within reach, are left out.
+    """
+    trace = scene.trace
+    if not len(trace):
+        return
+    rows = np.lexsort((trace.frame, trace.object_id))
+    begins = np.flatnonzero(np.diff(trace.object_id[rows], prepend=-1))
+    counts = np.diff(begins, append=len(rows))
+    reported = np.minimum.reduceat(scene.distance[rows], begins) <= profile.max_range
+    reported &= trace.kind[rows[begins]] != WALL
+    rows, counts = rows[np.repeat(reported, counts)], counts[reported]
+    ends = np.cumsum(counts)
+    first = 0
+    while first < len(counts):
+        begin = ends[first] - counts[first]
+        last = max(first + 1, int(np.searchsorted(ends, begin + BATCH, side="right")))
+        yield rows[begin : ends[last - 1]], counts[first:last]
+        first = last
+
+
+def _detect_objects(
+    scene: _Scene, rows: IntArray, counts: IntArray, profile: Profile, key: tuple[object, ...]
 ) -> Mapping[str, Any]:
-    """Detections of one object in its rows; all noise is drawn before the first row is dropped."""
-    n, dt = len(rows), trace.dt
-    luck = _persistent_uniform(rng, n, profile.detection.persistence)
-    standard = {
-        name: _correlated(rng, n, dt, getattr(profile, name))
-        for name in ("radial", "lateral", "vertical", "yaw", "score")
+    """Detections of some objects in their rows; noise is drawn before the first row is dropped."""
+    trace, size = scene.trace, profile.size
+    errors: dict[str, Error] = {
+        "radial": profile.radial,
+        "lateral": profile.lateral,
+        "vertical": profile.vertical,
+        "yaw": profile.yaw,
+        **{name: getattr(size, name) for name in _SIZE},
     }
-    sizes = {
-        name: deviation.fixed * rng.standard_normal() + deviation.white * rng.standard_normal(n)
-        for name in ("length", "width", "height")
-        for deviation in (getattr(profile.size, name),)
+    laws: dict[str, Correlation] = {
+        "luck": profile.detection,
+        "flip": profile.flip,
+        "score": profile.score,
+        **errors,
     }
-    visible = trace.visible[rows]
-    noise = {
-        name: standard[name] * _deviation(getattr(profile, name), distance, visible)
-        for name in ("radial", "lateral", "vertical", "yaw")
-    }
-    frame = trace.frame[rows]
-    x, y = trace.x[rows], trace.y[rows]
-    bearing = np.arctan2(y - trace.ego.y[frame], x - trace.ego.x[frame])
-    yaw = trace.yaw[rows] + noise["yaw"]
+    ids = trace.object_id[rows[np.cumsum(counts) - counts]]
+    streams = [stream("detect", *key, int(identifier)) for identifier in ids]
+    noise = dict(zip(laws, correlated(streams, counts, list(laws.values()), trace.dt), strict=True))
+    true = {name: getattr(trace, name)[rows] for name in _BOX}
+    frame, visible = trace.frame[rows], trace.visible[rows]
+    dx, dy = true["x"] - trace.ego.x[frame], true["y"] - trace.ego.y[frame]
+    distance = scene.distance[rows]
+    off = {name: _error(law, noise[name], distance, visible) for name, law in errors.items()}
+    off["lateral"] += profile.side_share * scene.side[rows]
+    flipped = ndtr(noise["flip"]) < flip_probability(profile, distance, visible)
+    yaw = true["yaw"] + off["yaw"] + np.pi * flipped
+    cosine, sine = dx / distance, dy / distance
     columns = {
         "frame": frame,
-        "x": x + noise["radial"] * np.cos(bearing) - noise["lateral"] * np.sin(bearing),
-        "y": y + noise["radial"] * np.sin(bearing) + noise["lateral"] * np.cos(bearing),
-        "z": trace.z[rows] + noise["vertical"],
+        "x": true["x"] + off["radial"] * cosine - off["lateral"] * sine,
+        "y": true["y"] + off["radial"] * sine + off["lateral"] * cosine,
+        "z": true["z"] + off["vertical"],
         "yaw": np.arctan2(np.sin(yaw), np.cos(yaw)),
-        **{s: np.maximum(getattr(trace, s)[rows] + sizes[s], _SMALLEST) for s in sizes},
-        "score": _score(profile, distance, visible, standard["score"]),
+        **{name: np.maximum(true[name] + off[name], SMALLEST) for name in _SIZE},
+        "score": _score(profile.score, noise["score"], distance, visible),
         "source": trace.object_id[rows],
     }
-    seen = luck < detection_probability(profile, distance, visible)
+    probability = detection_probability(profile, distance, visible, scene.points[rows])
+    seen = ndtr(noise["luck"]) < probability
     return {name: values[seen] for name, values in columns.items()}
 
 
 def detection_probability(
-    profile: Profile, distance: FloatArray, visible: FloatArray
+    profile: Profile, distance: FloatArray, visible: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Probability of detection (n,) by distance (n,) [m] and visible fraction (n,)."""
+    """Probability of detection (n,) by distance [m], visible fraction and LiDAR returns, (n,)."""
     law = profile.detection
-    reach = law.range + law.range_visible * (visible - 0.9)
-    near = expit((reach - distance) / law.range_width)
-    probability: FloatArray = near * np.minimum(visible / law.visible_floor, 1.0)
-    return np.where(distance <= profile.max_range, probability, 0.0)
+    reach = law.range - law.range_hidden * (1.0 - visible)
+    # Without half_points any return is enough.
+    enough = 1.0 - np.exp2(-points / law.half_points) if law.half_points else points > 0.0
+    probability = expit((reach - distance) / law.range_width) * enough
+    return np.where((distance <= profile.max_range) & (visible > 0.0), probability, 0.0)
 
 
-def _deviation(noise: Noise, distance: FloatArray, visible: FloatArray) -> FloatArray:
-    return noise.constant + noise.per_range * distance + noise.hidden * (1.0 - visible)
+def flip_probability(profile: Profile, distance: FloatArray, visible: FloatArray) -> FloatArray:
+    """Probability (n,) that a box looks backwards, by distance (n,) [m] and visible fraction."""
+    law = profile.flip
+    probability: FloatArray = expit(
+        law.constant + law.per_range * distance + law.hidden * (1.0 - visible)
+    )
+    return probability
 
 
-def _score(
-    profile: Profile, distance: FloatArray, visible: FloatArray, standard: FloatArray
-) -> FloatArray:
-    law = profile.score
+def error_scale(law: Error, distance: FloatArray, visible: FloatArray) -> FloatArray:
+    """Scale (n,) of an error's distribution by distance (n,) [m] and visible fraction (n,)."""
+    near = law.near / np.maximum(distance, NEAREST)
+    by_range = law.constant + near + law.per_range_squared * distance**2
+    scale: FloatArray = by_range * (1.0 + law.hidden * (1.0 - visible) ** 2)
+    return scale
+
+
+def _error(law: Error, noise: FloatArray, distance: FloatArray, visible: FloatArray) -> FloatArray:
+    scale = error_scale(law, distance, visible)
+    return law.bias_per_range * distance + scale * heavy_tailed(noise, law.tail)
+
+
+def _score(law: Score, noise: FloatArray, distance: FloatArray, visible: FloatArray) -> FloatArray:
     by_range = np.minimum(law.ceiling, law.constant - law.per_range * distance)
     hidden = law.hidden * (1.0 - visible) * np.minimum(1.0, distance / law.hidden_range)
-    score: FloatArray = np.abs(by_range - hidden + law.noise * standard)
+    score: FloatArray = law.lowest + np.abs(by_range - hidden + law.noise * noise - law.lowest)
     return score
 
 
-def _correlated(rng: Generator, n: int, dt: float, law: Correlation) -> FloatArray:
-    """Standard normal noise (n,) in time: white + drifting + fixed, by their shares of variance."""
-    white, drive, fixed = rng.standard_normal(n), rng.standard_normal(n), rng.standard_normal()
-    keep = np.exp(-dt / law.drift_time)
-    # The first value is stationary already; each later one forgets by `keep`.
-    drive[1:] *= np.sqrt(1.0 - keep**2)
-    drift = lfilter([1.0], [1.0, -keep], drive)
-    white_share = 1.0 - law.drift_share - law.fixed_share
-    noise: FloatArray = (
-        np.sqrt(max(white_share, 0.0)) * white
-        + np.sqrt(law.drift_share) * drift
-        + np.sqrt(law.fixed_share) * fixed
-    )
-    return noise
-
-
-def _persistent_uniform(rng: Generator, n: int, persistence: float) -> FloatArray:
-    """Uniform numbers (n,), each repeating the one before with probability `persistence`."""
-    values, again = rng.random(n), rng.random(n) < persistence
-    again[:1] = False
-    latest = np.maximum.accumulate(np.where(again, 0, np.arange(n)))
-    return values[latest]
-
-
-def _clutter(trace: Trace, profile: Profile, rng: Generator) -> Mapping[str, Any]:
-    """False boxes of all frames."""
-    law = profile.clutter
-    area = np.pi * (profile.max_range**2 - law.min_range**2)
-    counts = rng.poisson(law.density * area, trace.n_frames)
-    n = int(counts.sum())
-    frame = np.repeat(np.arange(trace.n_frames), counts)
-    # Uniform over the area of the ring.
-    distance = np.sqrt(law.min_range**2 + rng.random(n) * area / np.pi)
-    bearing = rng.uniform(-np.pi, np.pi, n)
-    size = {
-        name: np.maximum(rng.normal(of.mean, of.deviation, n), _SMALLEST)
-        for name, of in (("length", law.length), ("width", law.width), ("height", law.height))
-    }
+def _misplaced(
+    trace: Trace, profile: Profile, columns: Mapping[str, Any], key: tuple[object, ...]
+) -> dict[str, FloatArray]:
+    """x, y [m] and yaw [rad] of detections that a wrong pose of the sensor puts into the world."""
+    assert profile.pose is not None
+    pose, rng, ego = profile.pose, stream("pose", *key), trace.ego
+    wrong = [drifting(rng, ego.n_frames, ego.dt, pose.drift_time) for _ in range(3)]
+    frame = columns["frame"]
+    turn = pose.yaw * wrong[2][frame]
+    dx, dy = columns["x"] - ego.x[frame], columns["y"] - ego.y[frame]
+    yaw = columns["yaw"] + turn
     return {
-        "frame": frame,
-        "x": trace.ego.x[frame] + distance * np.cos(bearing),
-        "y": trace.ego.y[frame] + distance * np.sin(bearing),
-        "z": size["height"] / 2,
-        "yaw": rng.uniform(-np.pi, np.pi, n),
-        **size,
-        "score": rng.exponential(law.score_mean, n),
-        "source": np.full(n, CLUTTER),
+        "x": ego.x[frame] + pose.position * wrong[0][frame] + np.cos(turn) * dx - np.sin(turn) * dy,
+        "y": ego.y[frame] + pose.position * wrong[1][frame] + np.sin(turn) * dx + np.cos(turn) * dy,
+        "yaw": np.arctan2(np.sin(yaw), np.cos(yaw)),
     }

@@ -44,6 +44,14 @@ from sim_bridge.line_of_sight import CONTACT, visible_fractions
 GATE = 2.0
 """Distance on the ground at which a detection no longer belongs to a label [m]."""
 
+VIEW = 1.42
+"""Angle of the picture in which cars are labelled and detections reported [rad]: 1242 pixels at a
+focal length of 721."""
+
+VISIBLE = ((0.8, 1.0), (0.4, 0.8), (0.05, 0.4), (0.05, 1.0))
+"""Least and greatest visible fraction of KITTI's levels of occlusion: in full view, partly hidden,
+largely hidden, unknown. KITTI gives no numbers; each level is taken as such a share."""
+
 _DERIVATIVES = ("vx", "vy", "ax", "ay", "jx", "jy", "yaw_rate")
 
 
@@ -53,8 +61,8 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trac
     root: the folder with `label_02`, `calib`, `pose` and the list of sequences; sequence: a name
     such as "0001"; dt: time between frames [s]. Objects have KITTI's track ids. Positions are
     human labels, not exact truth: derivatives are NaN and the regime is `unknown`. `visible` is
-    computed as for simulated traces, exact for the labelled boxes; what has no label (houses,
-    trucks, the edge of the picture) hides nothing.
+    computed from the labelled boxes as for simulated traces; since much that hides cars has no
+    label, it is then brought within the bounds (`VISIBLE`) of the label's level of occlusion.
 
     Raises `KittiError` for an unknown sequence and for missing or malformed files, `TableError`
     for a `dt` that is no time.
@@ -96,15 +104,18 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trac
         hidden.frame_start,
         np.column_stack([getattr(hidden, name) for name in boxes]),
     )
+    order = np.lexsort((labels.last, labels.frame))
+    visible = np.clip(visible, *np.array(VISIBLE)[labels.occluded[order]].T)
     return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
 
 
 def kitti_detections(
-    root: str | Path, detector: str, sequence: str, dt: float = FRAME_TIME
+    root: str | Path, detector: str | Path, sequence: str, dt: float = FRAME_TIME
 ) -> Detections:
     """The recorded detections of a sequence, in the world frame of its trace.
 
-    detector: the name of a folder in `detections`; root, sequence and dt as for `kitti_trace`.
+    detector: the name of a folder in the root's `detections`, or the path of any folder of such
+    files; root, sequence and dt as for `kitti_trace`.
     `source` is the track id of the label that the box belongs to, `CLUTTER` for none: in each
     frame one to one, so that the sum of 1 - d / `GATE` over the pairs nearer than `GATE` on the
     ground is greatest. Scores are the detector's raw ones.
@@ -113,13 +124,8 @@ def kitti_detections(
     """
     root = Path(root)
     trace = kitti_trace(root, sequence, dt)
-    folder = root / "detections"
-    known = sorted(path.name for path in folder.glob("*") if path.is_dir())
-    if detector not in known:
-        raise KittiError(
-            f"{folder}: unknown detector {detector[:40]!r}; known: {', '.join(known) or 'none'}"
-        )
-    path = folder / detector / f"{sequence}.txt"
+    folder = detector if isinstance(detector, Path) else _known_detector(root, detector)
+    path = folder / f"{sequence}.txt"
     found = read_detections(path, trace.n_frames)
     boxes = _Rig.read(root, sequence, trace.n_frames).world_boxes(found)
     return Detections.from_columns(
@@ -133,11 +139,21 @@ def kitti_detections(
         dt=dt,
         provenance={
             **trace.provenance,
-            "detector": detector,
+            "detector": folder.name,
             "detections": hashlib.sha256(read_bytes(path)).hexdigest(),
             "trace": trace.content_hash(),
         },
     )
+
+
+def _known_detector(root: Path, detector: str) -> Path:
+    folder = root / "detections"
+    known = sorted(path.name for path in folder.glob("*") if path.is_dir())
+    if detector not in known:
+        raise KittiError(
+            f"{folder}: unknown detector {detector[:40]!r}; known: {', '.join(known) or 'none'}"
+        )
+    return folder / detector
 
 
 def _n_frames(root: Path, sequence: str) -> int:

@@ -13,8 +13,8 @@ import numpy as np
 
 from mdkf.tables import BoolArray, FloatArray, IntArray
 
-SEQUENCES = "evaluate_tracking.seqmap.training"
-"""The file that lists all sequences: `SSSS empty 000000 NNNNNN`, N frames."""
+SEQUENCES = "evaluate_tracking.seqmap."
+"""Begin of the names of the files that list sequences: `SSSS empty 000000 NNNNNN`, N frames."""
 
 OBJECTS = ("Car", "Van")
 """KITTI's types that become objects."""
@@ -46,7 +46,9 @@ class CameraBoxes:
 
     line: row in the file, from 1; frame; name: KITTI's type; bottom (n, 3): x, y, z of the middle
     of the bottom face [m]; length, width, height [m]; ry: rotation about the camera's y axis [rad],
-    0 where the length points along x; last: track id of a label, raw score of a detection.
+    0 where the length points along x; truncated: 0 within the picture, 1 partly, 2 largely beyond
+    its edge; occluded: 0 in full view, 1 partly, 2 largely hidden, 3 unknown; both -1 in
+    detections; last: track id of a label, raw score of a detection.
     """
 
     line: IntArray
@@ -57,12 +59,14 @@ class CameraBoxes:
     width: FloatArray
     height: FloatArray
     ry: FloatArray
+    truncated: IntArray
+    occluded: IntArray
     last: FloatArray
 
 
-def read_sequences(root: Path) -> dict[str, int]:
-    """Number of frames by the sequence's name."""
-    path = root / SEQUENCES
+def read_sequences(root: Path, split: str = "training") -> dict[str, int]:
+    """Number of frames by the name of each sequence of a split."""
+    path = root / f"{SEQUENCES}{split}"
     table = _Table.read(path, _SEQUENCE, words=("sequence", "filler"))
     table.whole("first", 0, 0)
     frames = table.whole("frames", 1, _LARGEST)
@@ -209,6 +213,8 @@ class _Table:
             width=self.column("w"),
             height=self.column("h"),
             ry=self.column("ry"),
+            truncated=self.whole("truncated", -1, 2),
+            occluded=self.whole("occluded", -1, 3),
             last=self.column(last),
         )
 

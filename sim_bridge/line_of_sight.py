@@ -84,34 +84,53 @@ def visible_fractions(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLik
     Raises:
         ValueError: as `visible_fraction`, or offsets that do not cover the rows in order.
     """
-    return _fractions(*checked_frames(sensor, frame_start, boxes))
+    return _swept(*checked_frames(sensor, frame_start, boxes), sides=False)[0]
 
 
-def _fractions(positions: Floats, offsets: Ints, table: Floats) -> Floats:
-    fractions = np.empty(len(table))
-    row = int(_sweep_frames(positions, offsets, table, fractions))
+def visible_sides(sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLike) -> Floats:
+    """How far to one side the visible part of each box is, as seen by the sensor.
+
+    Arguments and errors are those of `visible_fractions`.
+
+    Returns:
+        `(rows,)` azimuth of the middle of what is visible less that of the middle of the whole
+        silhouette [rad], positive to the left; 0 for a box in full view or hidden. Exact where
+        boxes hide one another from the ground up; where they are seen one above the other, each
+        stretch between two corners counts with its middle.
+    """
+    return _swept(*checked_frames(sensor, frame_start, boxes), sides=True)[1]
+
+
+def _swept(positions: Floats, offsets: Ints, table: Floats, sides: bool) -> tuple[Floats, Floats]:
+    fractions, offset = np.empty(len(table)), np.zeros(len(table) if sides else 0)
+    row = int(_sweep_frames(positions, offsets, table, fractions, offset))
     if row >= 0:
         raise ValueError(
             f"boxes: row {row} has the sensor inside or touching its footprint, so it has no "
             f"silhouette: {table[row].tolist()}"
         )
-    return fractions
+    return fractions, offset
 
 
 @_kernel
-def _sweep_frames(positions: Floats, offsets: Ints, boxes: Floats, fractions: Floats) -> int:
-    """Fill `fractions`; return the first row that contains the sensor, or -1."""
+def _sweep_frames(
+    positions: Floats, offsets: Ints, boxes: Floats, fractions: Floats, sides: Floats
+) -> int:
+    """Fill `fractions`, and `sides` if there is room in it; return the first row that contains
+    the sensor, or -1."""
     for frame in range(positions.shape[0]):
         first, last = offsets[frame], offsets[frame + 1]
-        bad = _sweep(positions[frame], boxes[first:last], fractions[first:last])
+        bad = _sweep(positions[frame], boxes[first:last], fractions[first:last], sides[first:last])
         if bad >= 0:
             return int(first + bad)
     return -1
 
 
 @_kernel
-def _sweep(sensor: Floats, boxes: Floats, fractions: Floats) -> int:
+def _sweep(sensor: Floats, boxes: Floats, fractions: Floats, sides: Floats) -> int:
     n = boxes.shape[0]
+    n_sides = sides.shape[0]
+    start = np.empty(n_sides)  # azimuth of a box's first corner [rad]
     corners = np.empty((4 * n, 3))  # azimuth [rad], its cosine and sine
     role = np.empty(4 * n, dtype=np.int64)
     walls = np.empty((n, 5, 2))  # A, B of two facing walls, then of three averted ones
@@ -127,6 +146,9 @@ def _sweep(sensor: Floats, boxes: Floats, fractions: Floats) -> int:
         if _place_corners(sensor, boxes, i, heading, corners, role):
             active[n_active] = i
             n_active += 1
+        for at in range(4 * i, 4 * i + 4):
+            if n_sides > 0 and role[at] == _FIRST:
+                start[i] = corners[at, 0]
     order = np.argsort(corners[:, 0])
 
     seen, width = np.zeros(n), np.zeros(n)  # [rad]
@@ -165,12 +187,21 @@ def _sweep(sensor: Floats, boxes: Floats, fractions: Floats) -> int:
         left = 0.0
         while left < 1.0:
             right = _rank_shadows(active, n_active, ridge, left, front)
-            seen[active[0]] += _angle(right, cell) - _angle(left, cell)
-            for rank in range(1, n_active):
+            begin, end = _angle(left, cell), _angle(right, cell)
+            for rank in range(n_active):
                 i, j = active[rank], front[rank]
-                shadow, ends = (ridge[j, 0], ridge[j, 1]), (near[i, 0], near[i, 1])
-                seen[i] += _seen_angle(shadow, ends, top[i], boxes[i, 6], left, right, cell)
+                share = end - begin
+                if rank > 0:
+                    shadow, ends = (ridge[j, 0], ridge[j, 1]), (near[i, 0], near[i, 1])
+                    share = _seen_angle(shadow, ends, top[i], boxes[i, 6], left, right, cell)
+                seen[i] += share
+                if n_sides > 0:
+                    since = corners[here, 0] - start[i]
+                    since += math.tau if since < 0.0 else 0.0
+                    sides[i] += share * (since + 0.5 * (begin + end))
             left = right
+    for i in range(n_sides):
+        sides[i] = sides[i] / seen[i] - 0.5 * width[i] if seen[i] > 0.0 else 0.0
     for i in range(n):
         fractions[i] = min(max(seen[i] / width[i], 0.0), 1.0) if width[i] > 0.0 else 0.0
     return -1

@@ -126,12 +126,30 @@ def point_counts(
     positions, offsets, table = checked_frames(sensor, frame_start, boxes)
     counts = np.zeros(len(table), dtype=np.int64)
     row = int(_count_frames(positions, offsets, table, *_fan(lidar), 1.0 / lidar.max_range, counts))
+    _refuse_sensor_inside(row, table)
+    return counts
+
+
+def lone_point_counts(
+    sensor: ArrayLike, frame_start: ArrayLike, boxes: ArrayLike, lidar: Lidar = HDL_64E
+) -> IntArray:
+    """Number of LiDAR returns that each box would give were nothing in front of it.
+
+    Arguments, result and errors are those of `point_counts`, which equals this for a box alone.
+    """
+    positions, offsets, table = checked_frames(sensor, frame_start, boxes)
+    counts = np.zeros(len(table), dtype=np.int64)
+    row = int(_count_alone(positions, offsets, table, *_fan(lidar), 1.0 / lidar.max_range, counts))
+    _refuse_sensor_inside(row, table)
+    return counts
+
+
+def _refuse_sensor_inside(row: int, table: FloatArray) -> None:
     if row >= 0:
         raise ValueError(
             f"boxes: row {row} has the sensor inside or touching its footprint, so no ray can "
             f"enter it: {table[row].tolist()}"
         )
-    return counts
 
 
 @lru_cache(maxsize=16)
@@ -198,6 +216,41 @@ def _count_frames(
             views, across[: last - first], starting, following,
             rays, slopes, cells, scale, shift, low_bits, nearest, counts[first:last],
         )  # fmt: skip
+    return -1
+
+
+@kernel
+def _count_alone(
+    positions: FloatArray,
+    offsets: IntArray,
+    boxes: FloatArray,
+    rays: FloatArray,
+    slopes: FloatArray,
+    cells: CodeArray,
+    scale: float,
+    shift: float,
+    low_bits: Words,
+    nearest: float,
+    counts: IntArray,
+) -> int:
+    """Fill `counts`, each box by the rays that meet it; return as `_count_frames`."""
+    views = np.empty((1, VIEW_COLUMNS))
+    for frame in range(positions.shape[0]):
+        for row in range(offsets[frame], offsets[frame + 1]):
+            first = _place(positions[frame], boxes[row], rays.shape[0], views[0])
+            if first < 0:
+                return int(row)
+            for step in range(rays.shape[0]):
+                ray = (first + step) % rays.shape[0]
+                enter, leave = _chord(views, np.uint32(0), rays[ray, 0], rays[ray, 1])
+                if enter > leave:
+                    if enter >= nearest:
+                        interval = _interval(
+                            views, np.uint32(0), enter, leave, slopes, cells, scale, shift, low_bits
+                        )
+                        counts[row] += _ones(interval)
+                elif step >= GRACE:
+                    break
     return -1
 
 
@@ -308,10 +361,9 @@ def _sweep(
             if enter < nearest:
                 break  # beyond the range, or missed, as are all that follow
             i = active[rank]
-            bottom, top, leave = views[i, BOTTOM], views[i, TOP], views[i, LEAVE]
-            bottom, top = min(bottom * enter, bottom * leave), max(top * enter, top * leave)
-            interval = low_bits[_beams_below(slopes, cells, scale * top + shift, top)]
-            interval &= ~low_bits[_beams_below(slopes, cells, scale * bottom + shift, bottom)]
+            interval = _interval(
+                views, i, enter, views[i, LEAVE], slopes, cells, scale, shift, low_bits
+            )
             counts[i] += _ones(interval & ~covered)
             covered |= interval
 
@@ -322,6 +374,26 @@ def _chord(views: FloatArray, i: np.uint32, x: float, y: float) -> tuple[float, 
     enter = min(views[i, 0] * x + views[i, 1] * y, views[i, 2] * x + views[i, 3] * y)
     leave = max(views[i, 4] * x + views[i, 5] * y, views[i, 6] * x + views[i, 7] * y)
     return enter, max(leave, views[i, 8] * x + views[i, 9] * y)
+
+
+@inlined
+def _interval(
+    views: FloatArray,
+    i: np.uint32,
+    enter: float,
+    leave: float,
+    slopes: FloatArray,
+    cells: CodeArray,
+    scale: float,
+    shift: float,
+    low_bits: Words,
+) -> np.uint64:
+    """The beams that meet box i on a ray that enters and leaves it at these 1/r."""
+    bottom, top = views[i, BOTTOM], views[i, TOP]
+    bottom, top = min(bottom * enter, bottom * leave), max(top * enter, top * leave)
+    interval = low_bits[_beams_below(slopes, cells, scale * top + shift, top)]
+    below = low_bits[_beams_below(slopes, cells, scale * bottom + shift, bottom)]
+    return np.uint64(interval & ~below)
 
 
 @inlined

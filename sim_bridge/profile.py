@@ -1,4 +1,9 @@
-"""Detector profiles: YAML files of error statistics into frozen, validated dataclasses."""
+"""Detector profiles: YAML files of error statistics into frozen, validated dataclasses.
+
+r is the distance from the sensor along the ground [m], v the visible fraction. What hangs together
+in time is a standard normal process z of unit variance, its parts white, drifting (first-order
+Markov) and fixed per object; `sim_bridge.detect` says what is made of it.
+"""
 
 import difflib
 from pathlib import Path
@@ -20,8 +25,8 @@ class ProfileError(ValueError):
 
 
 class Correlation(Settings):
-    """How noise hangs together in time: the shares of its variance that drift and that are fixed
-    per object (the rest is white), and the drift's time constant [s]."""
+    """How z hangs together in time: the shares of its variance that drift and that are fixed per
+    object (the rest is white), and the drift's time constant [s]."""
 
     drift_share: Share
     drift_time: Positive
@@ -34,42 +39,54 @@ class Correlation(Settings):
         return self
 
 
-class Noise(Correlation):
-    """Standard deviation constant + per_range r + hidden (1 - visible)."""
-
-    constant: NonNegative
-    per_range: NonNegative
-    hidden: NonNegative
-
-
-class Detection(Settings):
-    """Probability of detection by range [m] and visible fraction."""
+class Detection(Correlation):
+    """P(detected) = sigmoid((range - range_hidden (1 - v) - r) / range_width)
+    * (1 - 2^(-points / half_points)); ranges in metres."""
 
     range: Positive
-    range_visible: NonNegative
+    range_hidden: NonNegative
     range_width: Positive
-    visible_floor: Annotated[float, Field(gt=0, le=1)]
-    persistence: Annotated[float, Field(ge=0, lt=1)]
+    half_points: NonNegative
 
 
-class Deviation(Settings):
-    """Standard deviations of one measure of size, white and fixed per object [m]."""
+class Error(Correlation):
+    """An error of bias_per_range r + scale t, t of Student's distribution with `tail` degrees of
+    freedom, scale = (constant + near / max(r, 3 m) + per_range_squared r^2) (1 + hidden (1 - v)^2).
 
-    white: NonNegative
-    fixed: NonNegative
+    Of lengths: constant [m], near [m2], per_range_squared [1/m]; of angles: constant [rad], near
+    [rad m], per_range_squared [rad/m2], bias_per_range [rad/m]. Few degrees of freedom are heavy
+    tails. Close by, the line of sight often runs across a car, along which boxes are the less sure.
+    """
+
+    bias_per_range: float
+    constant: NonNegative
+    near: NonNegative
+    per_range_squared: NonNegative
+    hidden: NonNegative
+    tail: Annotated[float, Field(gt=2, le=1000)]
+
+
+class Flip(Correlation):
+    """P(the box looks backwards) = sigmoid(constant + per_range r + hidden (1 - v))."""
+
+    constant: float
+    per_range: float
+    hidden: float
 
 
 class Size(Settings):
-    """Noise of a box's size."""
+    """Errors of a box's size."""
 
-    length: Deviation
-    width: Deviation
-    height: Deviation
+    length: Error
+    width: Error
+    height: Error
 
 
 class Score(Correlation):
-    """The raw score by range [m] and visible fraction."""
+    """The raw score: lowest + |min(ceiling, constant - per_range r)
+    - hidden (1 - v) min(1, r / hidden_range) + noise z - lowest|."""
 
+    lowest: float
     ceiling: float
     constant: float
     per_range: NonNegative
@@ -85,30 +102,69 @@ class Normal(Settings):
     deviation: NonNegative
 
 
-class Clutter(Settings):
-    """False boxes: density [1/m2 per frame], from min_range [m], their scores and sizes [m]."""
+class Flashes(Settings):
+    """False boxes of one frame: density [1/m2]; their scores begin at the lowest and have an
+    exponential distribution of mean `score_mean` above it."""
 
     density: Annotated[float, Field(ge=0, le=0.1)]
-    min_range: NonNegative
     score_mean: Positive
+
+
+class Ghosts(Flashes):
+    """False boxes that stay where they are: density [1/m2] of those alive at a time, their mean
+    life [s], the share of it in which each is reported, and the standard deviation of its
+    position from frame to frame, x and y each [m]."""
+
+    life: Positive
+    reported: Share
+    jitter: NonNegative
+
+
+class Clutter(Settings):
+    """False boxes from min_range [m] on, their sizes [m]. Both densities hold near the sensor;
+    they fall with distance as sigmoid((reach - r) / reach_width)."""
+
+    min_range: NonNegative
+    reach: Positive
+    reach_width: Positive
+    flashes: Flashes
+    ghosts: Ghosts
     length: Normal
     width: Normal
     height: Normal
 
 
+class Pose(Settings):
+    """How wrongly the sensor's own pose is known: standard deviations of x and y each [m] and of
+    the yaw [rad], and the time constant with which the error drifts [s]."""
+
+    position: NonNegative
+    yaw: NonNegative
+    drift_time: Positive
+
+
 class Profile(Settings):
-    """All that a simulated detector's errors depend on; max_range in metres."""
+    """All that a simulated detector's errors depend on.
+
+    max_range: no detections beyond [m]; side_share: share of the way from a box's middle to the
+    middle of what is visible of it, across the line of sight, by which it is shifted; pose: none
+    means exactly known; evidence: what the numbers were measured on, and how well they fit.
+    """
 
     name: str
     max_range: Positive
     detection: Detection
-    radial: Noise
-    lateral: Noise
-    vertical: Noise
-    yaw: Noise
+    radial: Error
+    lateral: Error
+    vertical: Error
+    yaw: Error
+    flip: Flip
     size: Size
     score: Score
     clutter: Clutter
+    side_share: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    pose: Pose | None = None
+    evidence: dict[str, str | int | float] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _ring(self) -> "Profile":

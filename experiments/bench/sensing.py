@@ -13,6 +13,8 @@ from sim_bridge.point_count import point_counts
 from sim_bridge.randomness import stream
 
 WHAT = "line-of-sight"
+TIER = "kernel"
+FRACTIONS, RETURNS = "visible fractions", "LiDAR returns"
 FRAMES = 20
 SENSOR = 0.0, 0.0, 1.7
 """[m]"""
@@ -26,14 +28,14 @@ def blocks(plan: Plan) -> list[Block]:
     sensor = np.tile(SENSOR, (FRAMES, 1))
     start = plan.boxes * np.arange(FRAMES + 1)
     ways: dict[str, Callable[[], object]] = {
-        "visible fractions": lambda: visible_fractions(sensor, start, boxes),
-        "LiDAR returns": lambda: point_counts(sensor, start, boxes),
+        FRACTIONS: lambda: visible_fractions(sensor, start, boxes),
+        RETURNS: lambda: point_counts(sensor, start, boxes),
     }
     cases = [
         Case(
             WHAT,
             name,
-            "kernel",
+            TIER,
             plan.boxes,
             FRAMES,
             "us per frame",

@@ -1,4 +1,4 @@
-"""Dense traffic: what its trace costs beside SUMO itself, all processes included."""
+"""Dense traffic: what its trace and detections cost beside SUMO, all processes included."""
 
 import dataclasses
 import json
@@ -7,17 +7,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import scenarios
 from experiments.bench.measure import Block, Case
 from experiments.bench.plan import Plan
 from experiments.bench.start_up import children
 from scenarios import RoutedScenario
-from sim_bridge import simulate, sumo, sumo_process
+from sim_bridge import detect, simulate, sumo, sumo_process
 
 WHAT = "simulation"
 TIER = "process"
+TRACE, DETECTIONS = "trace", "detections"
 SEED = 0
 VEHICLES = 200
 """About as many are there at once in bus_stop with the most traffic."""
@@ -40,11 +43,14 @@ def cpu_time() -> float:
 
 
 def blocks(plan: Plan) -> list[Block]:
-    """One block: a trace beside SUMO without one, both with the warm-up before it."""
+    """One block: a trace beside SUMO without one, both with the warm-up before it, and detections
+    of the trace."""
     dense = world(plan.simulated)
-    trace = _case("trace", lambda: simulate(dense, SEED))
-    alone = _case("SUMO alone", lambda: sumo_alone(dense))
-    return [Block((trace, alone), anchor=alone)]
+    simulated = cache(lambda: simulate(dense, SEED))
+    trace = _case(TRACE, lambda _: simulate(dense, SEED))
+    alone = _case("SUMO alone", lambda _: sumo_alone(dense))
+    detections = _case(DETECTIONS, lambda found: detect(found, seed=SEED), simulated)
+    return [Block((trace, detections, alone), anchor=alone)]
 
 
 def world(duration: float) -> RoutedScenario:
@@ -78,5 +84,7 @@ def sumo_alone(scenario: RoutedScenario) -> None:
         subprocess.run(command, check=True, capture_output=True)
 
 
-def _case(name: str, run: Callable[[], object]) -> Case:
-    return Case(WHAT, name, TIER, VEHICLES, 1, "s", 1.0, lambda: None, lambda _: run())
+def _case(
+    name: str, run: Callable[[Any], object], prepare: Callable[[], object] = lambda: None
+) -> Case:
+    return Case(WHAT, name, TIER, VEHICLES, 1, "s", 1.0, prepare, run)

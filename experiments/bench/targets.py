@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from experiments.bench import filters, start_up, trackers
+from experiments.bench import filters, sensing, simulation, start_up, trackers
 from experiments.bench.measure import Summary, summary
 from experiments.bench.results import Results
 
@@ -25,6 +25,11 @@ MD_OVER_CA = 1.3
 OBJECTS = 10
 WARM_START = 2.0
 """[s]"""
+SIGHT = {sensing.FRACTIONS: 300.0, sensing.RETURNS: 100.0}
+"""At `BOXES` boxes [us per frame]."""
+BOXES = 200
+FLOW = {simulation.TRACE: 3.0, simulation.DETECTIONS: 1.0}
+"""Of a minute of dense traffic [CPU s]."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,8 @@ class Target:
 
 def targets(results: Results) -> list[Target]:
     """The targets of what was measured."""
-    return [*_against_filterpy(results), *_flat(results), *_tracker(results), *_start(results)]
+    known = (_against_filterpy, _flat, _tracker, _sight, _flow, _start)
+    return [target for part in known for target in part(results)]
 
 
 def _against_filterpy(results: Results) -> Iterator[Target]:
@@ -84,6 +90,23 @@ def _tracker(results: Results) -> Iterator[Target]:
         cost: Summary = results.cost_ratio(cases["md"], cases["ca"])
         text = f"the whole tracker at {OBJECTS} objects, cost of md over ca"
         yield Target(text, trackers.TIER, MD_OVER_CA, False, *cost)
+
+
+def _sight(results: Results) -> Iterator[Target]:
+    for name, case in results.cases(sensing.WHAT, sensing.TIER, BOXES).items():
+        text = f"{name} of {BOXES} boxes [us per frame]"
+        yield Target(
+            text, case.tier, SIGHT[name], False, *summary(results.samples[case] * case.per_second)
+        )
+
+
+def _flow(results: Results) -> Iterator[Target]:
+    cases = results.cases(simulation.WHAT, simulation.TIER, simulation.VEHICLES)
+    for name in FLOW.keys() & cases.keys():
+        text = f"{name} of a minute of {simulation.VEHICLES} vehicles [CPU s]"
+        yield Target(
+            text, simulation.TIER, FLOW[name], False, *summary(results.samples[cases[name]])
+        )
 
 
 def _start(results: Results) -> Iterator[Target]:

@@ -29,10 +29,13 @@ def numbers(values: ArrayLike) -> str:
     return " ".join(f"{v:.17g}" for v in np.ravel(values))
 
 
-def label(frame: int, track: int, place: ArrayLike, ry: float, kind: str = "Car") -> str:
-    """One line of a label file: middle of the bottom face x, y, z [m] in camera axes, ry [rad]."""
+def label(
+    frame: int, track: int, place: ArrayLike, ry: float, kind: str = "Car", occluded: int = 0
+) -> str:
+    """One line of a label file: middle of the bottom face x, y, z [m] in camera axes, ry [rad],
+    level of occlusion."""
     values = numbers([*CAR, *np.ravel(place), ry])
-    return f"{frame} {track} {kind} 0 0 -10 0 0 9 9 {values}"
+    return f"{frame} {track} {kind} 0 {occluded} -10 0 0 9 9 {values}"
 
 
 def detection(frame: int, place: ArrayLike, ry: float, score: float) -> str:
@@ -152,8 +155,12 @@ def test_labels_come_back_from_the_world(tmp_path: Path) -> None:
 
 
 def test_a_recording_knows_no_derivatives_but_what_is_hidden(tmp_path: Path) -> None:
-    """Regime `unknown`, derivatives NaN; `visible` is the line of sight to the labelled boxes."""
-    lines = [label(0, 0, (0, 1.65, 12), 0.1), label(0, 1, (1, 1.65, 20), 0.1)]
+    """Regime `unknown`, derivatives NaN; where the label does not know what is hidden (level 3),
+    `visible` is the line of sight to the labelled boxes."""
+    lines = [
+        label(0, 0, (0, 1.65, 12), 0.1, occluded=3),
+        label(0, 1, (1, 1.65, 20), 0.1, occluded=3),
+    ]
     trace = kitti_trace(written(tmp_path, files(lines)), "0003")
     assert (trace.regime == REGIMES.index("unknown")).all()
     for name in ("vx", "vy", "ax", "ay", "jx", "jy", "yaw_rate"):
@@ -163,7 +170,27 @@ def test_a_recording_knows_no_derivatives_but_what_is_hidden(tmp_path: Path) -> 
     boxes = np.column_stack([getattr(trace, name) for name in names])
     np.testing.assert_array_equal(trace.visible, visible_fraction([0, 0, 1.73], boxes))
     assert trace.visible[0] == 1.0
-    assert trace.visible[1] < 0.5
+    assert 0.05 < trace.visible[1] < 0.5
+
+
+@pytest.mark.parametrize(("level", "bounds"), [(0, (0.8, 1.0)), (1, (0.4, 0.8)), (2, (0.05, 0.4))])
+def test_visible_is_what_the_label_says(
+    tmp_path: Path, level: int, bounds: tuple[float, float]
+) -> None:
+    """Of a car in full view and of one behind it, `visible` is brought within the bounds of the
+    level of occlusion: much that hides cars has no label, and not all that is labelled hides."""
+    lines = [
+        label(0, 0, (0, 1.65, 12), 0.1, occluded=level),
+        label(0, 1, (0.2, 1.65, 20), 0.1, occluded=level),
+    ]
+    trace = kitti_trace(written(tmp_path, files(lines)), "0003")
+    names = ("x", "y", "z", "yaw", "length", "width", "height")
+    boxes = np.column_stack([getattr(trace, name) for name in names])
+    seen = visible_fraction([0, 0, 1.73], boxes)
+    assert seen[0] == 1.0
+    assert seen[1] < 0.4
+    np.testing.assert_array_equal(trace.visible, np.clip(seen, *bounds))
+    assert trace.visible[0] == bounds[1]
 
 
 # --- whose detection --------------------------------------------------------------------------
@@ -238,6 +265,18 @@ def swap(old: str, new: str) -> Callable[[str], str]:
         (LABELS, 1, swap("0 1 Car", "0 -1 Car"), "track_id is -1, expected a whole number"),
         (LABELS, 2, swap("1 1 Car", "0 1 Car"), "track_id is 1, expected at most once in a frame"),
         (LABELS, 1, swap("0 1 Car", "0 1 Cat"), "type is 'Cat', expected one of Car, Van, Truck"),
+        (
+            LABELS,
+            2,
+            swap("Car 0 0", "Car 3 0"),
+            "truncated is 3, expected a whole number from -1 to 2",
+        ),
+        (
+            LABELS,
+            1,
+            swap("Car 0 0", "Car 0 4"),
+            "occluded is 4, expected a whole number from -1 to 3",
+        ),
         (LABELS, 2, swap(" 4.5 ", " 0 "), "l is 0, expected a size above 0 m"),
         (LABELS, 1, swap("3 1.6499999999999999 20", "0 1.65 0"), "the box holds the LiDAR"),
         (FOUND, 2, swap("1 Car", "1 1 Car"), "18 columns, expected 17: frame type"),

@@ -450,7 +450,7 @@ def test_same_input_same_bytes_and_the_plain_python_source_agrees() -> None:
     assert visible_fraction(sensor, boxes).tobytes() == compiled.tobytes()
     plain = np.empty(len(boxes))
     sweep: Callable[..., int] = getattr(line_of_sight._sweep, "py_func", line_of_sight._sweep)
-    assert sweep(sensor, boxes, plain) == -1
+    assert sweep(sensor, boxes, plain, np.empty(0)) == -1
     np.testing.assert_allclose(plain, compiled, rtol=0, atol=EXACT)
 
 

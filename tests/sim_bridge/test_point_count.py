@@ -11,6 +11,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sim_bridge.line_of_sight import visible_fractions
-from sim_bridge.point_count import HDL_64E, Lidar, point_counts
+from sim_bridge.point_count import HDL_64E, Lidar, lone_point_counts, point_counts
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -208,6 +209,57 @@ def test_of_equal_boxes_the_lower_row_has_the_returns() -> None:
     far = on_ground(30, 9, 0.4, CAR)
     alone = one_frame(ROOF_SENSOR, box)[0]
     assert one_frame(ROOF_SENSOR, [far, box, box])[1:].tolist() == [alone, 0]
+
+
+# --- boxes alone ----------------------------------------------------------------------------
+
+
+def each_alone(sensor: Floats, boxes: Floats, lidar: Lidar) -> Ints:
+    """Every box in a frame of its own."""
+    n = len(boxes)
+    return point_counts(np.tile(sensor, (n, 1)), np.arange(n + 1), boxes, lidar)
+
+
+@settings(seeded, max_examples=100)
+@given(seed=seeds, n=st.integers(1, 12), rays=st.integers(16, 900), beams=st.integers(2, 64))
+def test_lone_counts_are_those_of_each_box_in_a_frame_of_its_own(
+    seed: int, n: int, rays: int, beams: int
+) -> None:
+    """To the integer, and also by casting every beam; every other scene is moved on to the cut."""
+    sensor, boxes = scene(seed, n)
+    if seed % 2:
+        boxes[:, 0] = sensor[0] - np.abs(boxes[:, 0] - sensor[0]) - 15.0
+        boxes[:, 1] = sensor[1] + 0.1 * (boxes[:, 1] - sensor[1])
+    lidar = Lidar(rays=rays, beams=beams, lowest=-0.6, highest=0.3, max_range=30.0)
+    lone = lone_point_counts(sensor[None], [0, len(boxes)], boxes, lidar)
+    np.testing.assert_array_equal(lone, each_alone(sensor, boxes, lidar))
+    by_rays = [cast_counts(sensor, box[None], lidar)[0] for box in boxes]
+    np.testing.assert_array_equal(lone, by_rays)
+
+
+def test_lone_counts_in_a_crowded_street() -> None:
+    """Hidden boxes too have returns, by the default LiDAR, in all frames at once."""
+    frames = [street(seed, 60, 1.73) for seed in (1, 2)]
+    offsets = np.cumsum([0, *(len(boxes) for _, boxes in frames)])
+    sensors, boxes = [sensor for sensor, _ in frames], np.vstack([boxes for _, boxes in frames])
+    lone = lone_point_counts(sensors, offsets, boxes)
+    alone = [each_alone(sensor, boxes, HDL_64E) for sensor, boxes in frames]
+    np.testing.assert_array_equal(lone, np.concatenate(alone))
+    together = point_counts(sensors, offsets, boxes)
+    assert (lone >= together).all()
+    assert ((together == 0) & (lone > 0)).any()
+
+
+@settings(seeded, max_examples=40)
+@given(seed=seeds)
+def test_lone_counts_on_a_grid(seed: int) -> None:
+    """Where corners, walls and rays coincide, beside walls and in line with them."""
+    rng = np.random.default_rng(seed)
+    boxes = np.column_stack([rng.integers(-9, 9, (20, 3)), rng.integers(0, 4, 20) * math.pi / 4])
+    boxes = np.column_stack([boxes, rng.integers(1, 5, (20, 3))]).astype(float)
+    sensor = np.array([rng.integers(-12, 12), 12.0, 1.0])
+    lone = lone_point_counts(sensor[None], [0, 20], boxes)
+    np.testing.assert_array_equal(lone, each_alone(sensor, boxes, HDL_64E))
 
 
 # --- by hand --------------------------------------------------------------------------------
@@ -403,25 +455,32 @@ def test_any_finite_box_has_a_count(seed: int, scale: float) -> None:
 # --- errors ---------------------------------------------------------------------------------
 
 
+each_count = pytest.mark.parametrize("count", [point_counts, lone_point_counts])
+
+
+@each_count
 @pytest.mark.parametrize("place", [(10.0, 0.0), (12.25, 0.0), (8.0, 0.9)])
-def test_sensor_inside_or_on_a_footprint_names_the_row(place: tuple[float, float]) -> None:
+def test_sensor_inside_or_on_a_footprint_names_the_row(
+    place: tuple[float, float], count: Callable[..., Ints]
+) -> None:
     boxes = [on_ground(30, 0, 0, CAR), on_ground(10, 0, 0, CAR)]
     with pytest.raises(ValueError, match=r"row 3 has the sensor inside"):
-        point_counts([ROOF_SENSOR, (*place, 1.7)], [0, 2, 4], boxes + boxes)
+        count([ROOF_SENSOR, (*place, 1.7)], [0, 2, 4], boxes + boxes)
 
 
-def test_wrong_shapes_and_values_are_refused() -> None:
+@each_count
+def test_wrong_shapes_and_values_are_refused(count: Callable[..., Ints]) -> None:
     box = on_ground(30, 0, 0, CAR)
     with pytest.raises(ValueError, match=r"sensor: expected shape \(n_frames, 3\)"):
-        point_counts(ROOF_SENSOR, [0, 1], [box])
+        count(ROOF_SENSOR, [0, 1], [box])
     with pytest.raises(ValueError, match=r"boxes: expected shape \(n, 7\)"):
-        point_counts([ROOF_SENSOR], [0, 1], [box[:6]])
+        count([ROOF_SENSOR], [0, 1], [box[:6]])
     with pytest.raises(ValueError, match="row 0 has a length, width or height that is not"):
-        point_counts([ROOF_SENSOR], [0, 1], [[*box[:6], 0.0]])
+        count([ROOF_SENSOR], [0, 1], [[*box[:6], 0.0]])
     with pytest.raises(ValueError, match="sensor: frame 1 is not finite"):
-        point_counts([ROOF_SENSOR, (0.0, math.nan, 0.0)], [0, 0, 1], [box])
+        count([ROOF_SENSOR, (0.0, math.nan, 0.0)], [0, 0, 1], [box])
     with pytest.raises(ValueError, match="rising from 0 to 1 rows"):
-        point_counts([ROOF_SENSOR], [0, 2], [box])
+        count([ROOF_SENSOR], [0, 2], [box])
 
 
 @pytest.mark.parametrize(

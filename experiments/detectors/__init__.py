@@ -1,0 +1,1 @@
+"""Detector profiles from recorded detections, and how well simulated detections resemble them."""
