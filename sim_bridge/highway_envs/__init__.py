@@ -11,7 +11,7 @@ ENVIRONMENTS = {
     "mdkf/merge-v0": "motorway:Merge",
     "mdkf/roundabout-v0": "junctions:Roundabout",
     "mdkf/intersection-v0": "junctions:Intersection",
-    "mdkf/parked-truck-v0": "two_way:ParkedTruck",
+    "mdkf/parked-truck-v0": "two_way:Street",
     "mdkf/overtaking-v0": "two_way:Overtaking",
 }
 

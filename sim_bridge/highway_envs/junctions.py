@@ -10,9 +10,14 @@ from highway_env.envs.roundabout_env import RoundaboutEnv
 from highway_env.road.lane import StraightLane
 
 from sim_bridge.highway_envs.paths import Path, path_along
-from sim_bridge.highway_envs.route_drivers import RouteDriver, RouteRoad, RouteTruck, RouteVan
+from sim_bridge.highway_envs.route_drivers import (
+    RouteDeliveryTruck,
+    RouteDriver,
+    RouteRoad,
+    RouteVan,
+)
 
-ARM = 600.0
+ARM = 800.0
 """Length of the arms [m]: nobody reaches their ends, so nobody appears or vanishes."""
 
 FARTHEST = 450.0
@@ -65,7 +70,7 @@ class _Junction:
             path = paths[int(random.choice(len(paths), p=shares / shares.sum()))][0]
             draw, kind = random.random(), RouteDriver
             if draw < trucks:
-                path, kind = paths[0][0], RouteTruck
+                path, kind = paths[0][0], RouteDeliveryTruck
             elif draw < trucks + self.VAN_SHARE:
                 kind = RouteVan
             wants = speed * random.uniform(0.85, 1.15)

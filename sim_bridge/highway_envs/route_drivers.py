@@ -87,11 +87,13 @@ class RouteDriver(Driver):
     PREVIEW = 0.6  # s of driving ahead of which the path's speed is looked up
     CORRIDOR = 0.3  # m beside the vehicles
     LINE_GAP = 0.5  # m from bumper to line in standstill
-    MARGIN = 1.0  # s between who gives way and who has it
+    MARGIN = 1.0  # s between who gives way and is gone, and who has it and comes
+    MERGE_MARGIN = 1.5  # s where he stays in front
+    AFTER = 0.3  # s between who has passed and who comes after
     HARD_STOP = 3.5  # m/s2; who would have to brake harder before the line drives on
 
     departure = 0.0
-    """Time [s] until which a vehicle that stands goes on doing so."""
+    """For how long [s] a vehicle that stands at first goes on doing so."""
 
     def __init__(
         self,
@@ -127,7 +129,7 @@ class RouteDriver(Driver):
             return
         self._since_decision = 0.0
         self.departure -= self.REACTION
-        if self.departure > 0.0 and self.speed == 0.0:
+        if self.departure > 0.0:
             return
         self.decide()
         self.action["steering"] = self._steering()
@@ -156,9 +158,6 @@ class RouteDriver(Driver):
 
     def on_state_update(self) -> None:
         """Where the vehicle is on its path; highway-env would look through all lanes."""
-        if not hasattr(self, "path"):
-            super().on_state_update()
-            return
         x, y, course, curvature, _ = self.path.at(self.place)
         dx, dy = self.position[0] - x, self.position[1] - y
         along, across = dx * np.cos(course) + dy * np.sin(course), self._across(dx, dy, course)
@@ -206,10 +205,10 @@ class RouteDriver(Driver):
         turned = np.cos(seen.heading[who, None] - course[nearest])
         half = (seen.width[who, None] + self.WIDTH) / 2 + self.CORRIDOR
         # The nearest sample of who is beside or behind is the first.
-        mine = (distance < half) & (turned > 0.3) & (nearest > 0)
-        if not mine.any():
+        in_the_way = (distance < half) & (turned > 0.3) & (nearest > 0)
+        if not in_the_way.any():
             return np.inf, 0.0
-        gaps = np.where(mine, begin * SPACING + nearest * SPACING - self.front, np.inf)
+        gaps = np.where(in_the_way, begin * SPACING + nearest * SPACING - self.front, np.inf)
         row, column = np.unravel_index(int(gaps.argmin()), gaps.shape)
         return float(gaps[row, column]), float(seen.speed[who[row]] * turned[row, column])
 
@@ -246,13 +245,11 @@ class RouteDriver(Driver):
         arrives, margin = other.earliest(conflict.theirs[0]), self.MARGIN
         if conflict.merges:
             # Being in front is enough, if who follows need not brake hard.
-            leave = enter
-            mine = min(
-                self._allowed(enter),
-                np.sqrt(2.0 * self.ACCELERATION * max(enter - self.front, 0.0)),
-            )
+            leave, ahead = enter, max(enter - self.front, 0.0)
+            reached = np.sqrt(self.speed**2 + 2.0 * self.ACCELERATION * ahead)
             theirs = min(other.target_speed, other._allowed(conflict.theirs[0]))
-            margin += 0.5 + max(theirs - mine, 0.0) / (2.0 * self.BRAKING)
+            closing = max(theirs - min(self._allowed(enter), reached), 0.0)
+            margin = self.MERGE_MARGIN + closing / (2.0 * self.BRAKING)
         if self._time(leave + self.LENGTH - self.front) + margin < arrives:
             return True
         return other.front > other.path.line and self._clears(other, conflict)
@@ -260,7 +257,7 @@ class RouteDriver(Driver):
     def _clears(self, other: "RouteDriver", conflict: Conflict) -> bool:
         """Whether the other will have left, at the speed at which he drives, before I come."""
         leaves = (conflict.theirs[1] - other.rear) / max(other.speed, 1.0)
-        return leaves + 0.3 < self.earliest(conflict.mine[0])
+        return leaves + self.AFTER < self.earliest(conflict.mine[0])
 
     def earliest(self, place: float) -> float:
         """The time [s] after which the front bumper may be there."""
@@ -282,11 +279,11 @@ class RouteVan(RouteDriver, Van):
     """A delivery van on a route."""
 
 
-class RouteLorry(RouteDriver, Truck):
+class RouteTruck(RouteDriver, Truck):
     """A long lorry on a route."""
 
 
-class RouteTruck(RouteLorry):
+class RouteDeliveryTruck(RouteTruck):
     """A lorry for towns on a route."""
 
     LENGTH, WIDTH = 8.5, 2.45  # m
@@ -310,5 +307,5 @@ class ParkedVan(Parked, Van):
     """A delivery van that never moves."""
 
 
-class ParkedLorry(Parked, Truck):
+class ParkedTruck(Parked, Truck):
     """A long lorry that never moves."""

@@ -14,18 +14,18 @@ from sim_bridge.highway_envs.overtaking import OvertakingCar, OvertakingVan
 from sim_bridge.highway_envs.paths import Path, path_along
 from sim_bridge.highway_envs.route_drivers import (
     Parked,
-    ParkedLorry,
+    ParkedTruck,
     ParkedVan,
     RouteBicycle,
+    RouteDeliveryTruck,
     RouteDriver,
-    RouteLorry,
     RouteRoad,
     RouteTruck,
     RouteVan,
 )
 
 EAST, WEST = 4.0, 0.0  # m, y of the lanes
-LENGTH = 1800.0
+LENGTH = 3200.0
 """Length of the road [m]: nobody reaches its ends, so nobody appears or vanishes."""
 
 
@@ -62,12 +62,12 @@ class _TwoWay(TwoWayEnv):  # type: ignore[misc]
         return self.HEADWAY + (0.0 if closed_up else 2.0 * (1.0 / traffic - self.HEADWAY) * wait)
 
 
-class ParkedTruck(_TwoWay):
+class Street(_TwoWay):
     """A lorry stands in the lane of the ego vehicle, who passes it through the other lane when
     that is free. It hides some of the cars parked along both kerbs; two of those pull out.
     """
 
-    TRUCK = 900.0  # m, where the lorry stands
+    TRUCK = 1000.0  # m, where the lorry stands
     BESIDE = 1.0  # m, y of the way past it
     SHIFT, AIR = 17.0, 2.0  # m to get there, m between that and the lorry
     KERB = 3.4  # m from the middle of the lane to that of the parked cars
@@ -84,7 +84,7 @@ class ParkedTruck(_TwoWay):
 
     def _make_road(self, length: float = LENGTH) -> None:
         super()._make_road(length)
-        half = ParkedLorry.LENGTH / 2 + self.AIR
+        half = ParkedTruck.LENGTH / 2 + self.AIR
         x = [self.TRUCK + d for d in (-half - self.SHIFT, -half, half, half + self.SHIFT)]
         net = self.road.network
         net.add_lane("a", "out", StraightLane([0.0, EAST], [x[0], EAST]))
@@ -105,7 +105,7 @@ class ParkedTruck(_TwoWay):
 
     def _make_vehicles(self) -> None:
         random, speed = self.np_random, float(self.config["speed"])
-        lorry = ParkedLorry(self.road, [self.TRUCK, EAST + 0.7], 0.0)
+        lorry = ParkedTruck(self.road, [self.TRUCK, EAST + 0.7], 0.0)
         self.road.vehicles.append(lorry)
         for y, heading in ((EAST + self.KERB, 0.0), (WEST - self.KERB, np.pi)):
             self._park(y, heading)
@@ -124,7 +124,7 @@ class ParkedTruck(_TwoWay):
     def _any_kind(self) -> type[RouteDriver]:
         draw, trucks = self.np_random.random(), self.config["trucks"]
         if draw < trucks:
-            return RouteTruck
+            return RouteDeliveryTruck
         return RouteVan if draw < trucks + self.VAN_SHARE else RouteDriver
 
     def _park(self, y: float, heading: float) -> None:
@@ -168,7 +168,7 @@ class Overtaking(_TwoWay):
     The ego vehicle is the first behind the second slow one.
     """
 
-    START = 500.0  # m
+    START, FARTHEST = 1000.0, 2500.0  # m, where the rearmost queue and the last oncoming one start
     QUEUES = 5
     VERGE = 4.2  # m from the middle of the lane to that of cars left beside the road
 
@@ -184,10 +184,10 @@ class Overtaking(_TwoWay):
         speed, slow = float(config["speed"]), float(config["slow"])
         x = self.START
         for queue in range(self.QUEUES):
-            kind: type[RouteDriver] = RouteLorry
             if queue != 1 and random.random() < 0.5:
-                kind = RouteBicycle
-            mine = [self._put(kind, self.east, x, slow if kind is RouteLorry else 5.0)]
+                mine = [self._put(RouteBicycle, self.east, x, 5.0, aside=1.0)]
+            else:
+                mine = [self._put(RouteTruck, self.east, x, slow)]
             back = x
             for k in range(config["followers"]):
                 back -= mine[-1].LENGTH / 2 + random.uniform(14.0, 24.0)
@@ -200,12 +200,12 @@ class Overtaking(_TwoWay):
             x += random.uniform(35.0, 45.0) * (config["followers"] + 1)
         for y, heading in ((EAST + self.VERGE, 0.0), (WEST - self.VERGE, np.pi)):
             x = self.START + random.uniform(0.0, 60.0)
-            while x < LENGTH - 500.0:
+            while x < self.START + 900.0:
                 self.road.vehicles.append(Parked(self.road, [x, y], heading))
                 x += random.uniform(30.0, 90.0)
         x = self.START - 50.0
-        while x < LENGTH - 30.0:
-            kinds = (RouteDriver, RouteVan, RouteLorry)
+        while x < self.FARTHEST:
+            kinds = (RouteDriver, RouteVan, RouteTruck)
             kind = kinds[int(random.choice(3, p=[0.6, 0.15, 0.25]))]
             self._put(kind, self.west, x, 0.9 * speed)
             x += 0.9 * speed * self._headway(config["oncoming"])

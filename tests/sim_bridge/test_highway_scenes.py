@@ -31,7 +31,7 @@ def waits_for_somebody(
     trace: Trace, where: BoolArray, crossing: BoolArray, near: float
 ) -> list[tuple[int, int]]:
     """Pairs of objects: one stands at `where`, and the other passes `crossing` before its eyes, at
-    most `near` metres off; afterwards the first one drives on, past the place of the second."""
+    most `near` metres off; afterwards the first one drives on."""
     found = []
     for rows in lives(trace):
         standing = rows[(trace.regime[rows] == STILL) & where[rows]]
