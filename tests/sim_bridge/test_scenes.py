@@ -16,7 +16,7 @@ from tests.sim_bridge.worlds import world
 SECOND = 10  # frames
 LIDAR_RANGE = 72.0  # m
 HIDDEN, SEEN = 0.2, 0.5  # visible fractions
-VAN = KINDS.index("van")
+VAN, BUS, TRUCK, BICYCLE = (KINDS.index(kind) for kind in ("van", "bus", "truck", "bicycle"))
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -38,6 +38,21 @@ def without(trace: Trace, dropped: NDArray[np.bool_]) -> tuple[Trace, FloatArray
     return rest, visible_fractions(sensor, rest.frame_start, boxes)
 
 
+def hidden_spells(rest: Trace, bare: FloatArray, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Spells of a second or more in which one of the objects, within range, is hidden although it
+    would be seen if nothing but the rest were there (n, 3): object, frames, and whether it had been
+    in view for a second before and came into view again."""
+    distance, found = rest.sensor_distance(), []
+    for i in objects:
+        rows = rest.rows_of(int(i))
+        seen = rest.visible[rows] > SEEN
+        for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
+            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
+                again = seen[:start].sum() >= SECOND and seen[stop:].any()
+                found.append((i, stop - start, again))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int) -> None:
     """In parked_row vans on the road hide ten or more parked cars for a second or more each; two or
@@ -46,18 +61,25 @@ def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int
     trace = simulate(scenario, seed)
     parked = trace.object_id >= trace.ids()[-len(scenario.statics)]
     rest, bare = without(trace, (trace.kind == VAN) & ~parked)
-    distance = rest.sensor_distance()
-    assert (speed_of(rest)[np.isin(rest.object_id, trace.object_id[parked])] == 0.0).all()
-    hidden = again = 0
-    for car in np.intersect1d(rest.ids(), trace.object_id[parked]):
-        rows = rest.rows_of(int(car))
-        seen = rest.visible[rows] > SEEN
-        for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
-            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
-                hidden += 1
-                again += seen[:start].sum() >= SECOND and seen[stop:].any()
-    assert hidden >= 10
-    assert again >= 2
+    cars = np.intersect1d(rest.ids(), trace.object_id[parked])
+    assert (speed_of(rest)[np.isin(rest.object_id, cars)] == 0.0).all()
+    spells = hidden_spells(rest, bare, cars)
+    assert len(spells) >= 10
+    assert spells[:, 2].sum() >= 2
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_mixed_traffic_hides_cyclists_behind_trucks_and_buses(seed: int) -> None:
+    """In mixed_traffic trucks and buses hide five or more cyclists for a second or more each; one
+    or more of these had been in view for a second before, and come into view again."""
+    trace = simulate(scenarios.load("mixed_traffic"), seed)
+    rest, bare = without(trace, np.isin(trace.kind, (TRUCK, BUS)))
+    cyclists = np.unique(rest.object_id[rest.kind == BICYCLE])
+    for name, metres in (("length", 1.7), ("width", 0.6), ("height", 1.7)):
+        assert (getattr(rest, name)[rest.kind == BICYCLE] == metres).all()
+    spells = hidden_spells(rest, bare, cyclists)
+    assert len(np.unique(spells[:, 0])) >= 5
+    assert spells[:, 2].any()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
