@@ -40,8 +40,8 @@ def without(trace: Trace, dropped: NDArray[np.bool_]) -> tuple[Trace, FloatArray
 
 def hidden_spells(rest: Trace, bare: FloatArray, objects: NDArray[np.int64]) -> NDArray[np.int64]:
     """Spells of a second or more in which one of the objects, within range, is hidden although it
-    would be seen if nothing but the rest were there (n, 3): object, frames, and whether it had been
-    in view for a second before and came into view again."""
+    would be seen if nothing but the rest were there (n, 4): object, first frame, frames, and
+    whether it had been in view for a second before and came into view again."""
     distance, found = rest.sensor_distance(), []
     for i in objects:
         rows = rest.rows_of(int(i))
@@ -49,8 +49,8 @@ def hidden_spells(rest: Trace, bare: FloatArray, objects: NDArray[np.int64]) -> 
         for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
             if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
                 again = seen[:start].sum() >= SECOND and seen[stop:].any()
-                found.append((i, stop - start, again))
-    return np.array(found, dtype=np.int64).reshape(-1, 3)
+                found.append((i, rest.frame[rows][start], stop - start, again))
+    return np.array(found, dtype=np.int64).reshape(-1, 4)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -65,7 +65,7 @@ def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int
     assert (speed_of(rest)[np.isin(rest.object_id, cars)] == 0.0).all()
     spells = hidden_spells(rest, bare, cars)
     assert len(spells) >= 10
-    assert spells[:, 2].sum() >= 2
+    assert spells[:, 3].sum() >= 2
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -79,7 +79,25 @@ def test_mixed_traffic_hides_cyclists_behind_trucks_and_buses(seed: int) -> None
         assert (getattr(rest, name)[rest.kind == BICYCLE] == metres).all()
     spells = hidden_spells(rest, bare, cyclists)
     assert len(np.unique(spells[:, 0])) >= 5
-    assert spells[:, 2].any()
+    assert spells[:, 3].any()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_passing_van_hides_two_parked_cars_one_to_three_seconds_at_a_time(seed: int) -> None:
+    """In passing_van the ego car stands for 20 s or more, and meanwhile vans hide each of the two
+    parked cars twice or more for one to three seconds; each time the car had been in view for a
+    second before, and comes into view again."""
+    trace = simulate(scenarios.load("passing_van"), seed)
+    parked = trace.ids()[-2:]
+    rest, bare = without(trace, trace.kind == VAN)
+    assert (speed_of(rest)[np.isin(rest.object_id, parked)] == 0.0).all()
+    (standing,) = runs(np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)) == 0.0)
+    assert standing[1] - standing[0] >= 20 * SECOND
+    spells = hidden_spells(rest, bare, parked)
+    car, start, frames, again = spells.T
+    meanwhile = (start >= standing[0]) & (start + frames <= standing[1])
+    for one in parked:
+        assert (meanwhile & (car == one) & (frames <= 3 * SECOND) & (again == 1)).sum() >= 2
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
