@@ -16,6 +16,7 @@ from tests.sim_bridge.worlds import world
 SECOND = 10  # frames
 LIDAR_RANGE = 72.0  # m
 HIDDEN, SEEN = 0.2, 0.5  # visible fractions
+STREETS = (150.0, 300.0, 450.0, 600.0)  # m; where the streets of city_grid run, both ways
 VAN, BUS, TRUCK, BICYCLE = (KINDS.index(kind) for kind in ("van", "bus", "truck", "bicycle"))
 
 
@@ -115,6 +116,26 @@ def test_off_scene_loses_cars_that_turn_off(seed: int) -> None:
         lost += len(trace.frame[rows]) - 1 - seen[-1] >= SECOND
     assert lost >= 3
     assert np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)).sum() > 300.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_city_grid_turns_corners_and_halts_at_every_crossing(seed: int) -> None:
+    """In city_grid the ego car turns a corner between the outermost streets and never leaves them;
+    vehicles halt within 30 m of each of the sixteen crossings, and turn both left and right."""
+    trace = simulate(scenarios.load("city_grid"), seed)
+    ego, first, last = trace.ego, STREETS[0], STREETS[-1]
+    assert min(ego.x.min(), ego.y.min()) > first
+    assert max(ego.x.max(), ego.y.max()) < last + 5.0  # the lane beside the outermost centre line
+    assert np.ptp(ego.x) > 30.0
+    assert np.ptp(ego.y) > 30.0
+    vehicles = trace.object_id < trace.ids()[-len(scenarios.load("city_grid").statics)]
+    halted = (speed_of(trace) == 0.0) & vehicles
+    for x in STREETS:
+        for y in STREETS:
+            near = np.maximum(np.abs(trace.x - x), np.abs(trace.y - y)) < 30.0
+            assert (halted & near).any(), (x, y)
+    assert trace.yaw_rate.min() < -0.3
+    assert trace.yaw_rate.max() > 0.3
 
 
 @pytest.mark.parametrize("braking", [5.0, 7.0])
