@@ -29,7 +29,15 @@ def test_the_catalogue_lists_its_scenarios() -> None:
         *("bus_stop", "emergency_braking", "green_wave", "off_scene", "parked_row", "roundabout"),
         *("stop_and_go", "merge", "motorway", "stop_and_go_wave", "brake_to_standstill", "circle"),
         *("constant_acceleration", "constant_jerk", "constant_velocity", "journey"),
-        *("city_grid", "lane_change", "mixed_traffic", "passing_van", "pull_away", "stationary"),
+        *(
+            "city_grid",
+            "dense_jam",
+            "lane_change",
+            "mixed_traffic",
+            "passing_van",
+            "pull_away",
+            "stationary",
+        ),
     }
     for name in scenarios.list():
         assert scenarios.load(name).name == name

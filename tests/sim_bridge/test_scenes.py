@@ -138,6 +138,25 @@ def test_city_grid_turns_corners_and_halts_at_every_crossing(seed: int) -> None:
     assert trace.yaw_rate.max() > 0.3
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_dense_jam_holds_three_hundred_vehicles_at_once_which_stop_and_go(seed: int) -> None:
+    """In every frame of dense_jam there are 300 vehicles or more; 100 or more of them start from
+    standstill and come to stand again, 30 within sight of the ego car, which does so itself."""
+    trace = simulate(scenarios.load("dense_jam"), seed)
+    assert np.bincount(trace.frame, minlength=trace.n_frames).min() >= 300
+    assert len(trace.frame_start) == trace.n_frames + 1
+    standing, near = speed_of(trace) == 0.0, trace.sensor_distance() < LIDAR_RANGE
+    again = beside = 0
+    for vehicle in trace.ids():
+        rows = trace.rows_of(int(vehicle))
+        repeats = len(runs(standing[rows])) >= 2
+        again += repeats
+        beside += repeats and near[rows].any()
+    assert again >= 100
+    assert beside >= 30
+    assert len(runs(np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)) == 0.0)) >= 2
+
+
 @pytest.mark.parametrize("braking", [5.0, 7.0])
 def test_emergency_braking_is_as_hard_as_its_parameter_says(braking: float) -> None:
     """In emergency_braking the hardest deceleration is that of the leaders, up to smoothing."""
