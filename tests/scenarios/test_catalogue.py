@@ -32,6 +32,7 @@ def test_the_catalogue_lists_its_scenarios(tmp_path: Path, monkeypatch: pytest.M
         *("constant_acceleration", "constant_jerk", "constant_velocity", "journey"),
         *("lane_change", "passing_bus", "pull_away", "stationary"),
         *("intersection", "overtaking", "parked_truck", "small_roundabout"),
+        *("city_grid", "dense_jam", "mixed_traffic", "passing_van"),
     }
     for name in scenarios.list():
         assert scenarios.load(name).name == name

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.build_networks import NETWORK, build, netconvert_path, source_folders
+from scenarios.build_networks import CONFIGURATIONS, NETWORK, build, source_folders, tool_path
 
 FOLDERS = source_folders()
+INSTALLED = all(tool_path(tool) is not None for tool in CONFIGURATIONS.values())
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_no_committed_file_names_a_machine(folder: Path) -> None:
-    """No absolute path, no time stamp and no comment of netconvert's remains."""
+    """No absolute path, no time stamp and no comment of the tool's remains."""
     for path in sorted(folder.iterdir()):
         text = path.read_text(encoding="utf-8")
         assert "generated on" not in text
@@ -20,8 +21,8 @@ def test_no_committed_file_names_a_machine(folder: Path) -> None:
     assert len(FOLDERS) >= 2
 
 
-@pytest.mark.skipif(netconvert_path() is None, reason="netconvert (eclipse-sumo) is not installed")
+@pytest.mark.skipif(not INSTALLED, reason="netconvert and netgenerate (eclipse-sumo) are missing")
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_rebuilding_gives_the_committed_bytes(folder: Path) -> None:
-    """The network in the repository is the one its plain-XML sources describe."""
+    """The network in the repository is the one its sources describe."""
     assert build(folder) == (folder / NETWORK).read_bytes()

@@ -16,7 +16,8 @@ from tests.sim_bridge.worlds import world
 SECOND = 10  # frames
 LIDAR_RANGE = 72.0  # m
 HIDDEN, SEEN = 0.2, 0.5  # visible fractions
-VAN = KINDS.index("van")
+STREETS = (150.0, 300.0, 450.0, 600.0)  # m; where the streets of city_grid run, both ways
+VAN, BUS, TRUCK, BICYCLE = (KINDS.index(kind) for kind in ("van", "bus", "truck", "bicycle"))
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -38,6 +39,21 @@ def without(trace: Trace, dropped: NDArray[np.bool_]) -> tuple[Trace, FloatArray
     return rest, visible_fractions(sensor, rest.frame_start, boxes)
 
 
+def hidden_spells(rest: Trace, bare: FloatArray, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Spells of a second or more in which one of the objects, within range, is hidden although it
+    would be seen if nothing but the rest were there (n, 4): object, first frame, frames, and
+    whether it had been in view for a second before and came into view again."""
+    distance, found = rest.sensor_distance(), []
+    for i in objects:
+        rows = rest.rows_of(int(i))
+        seen = rest.visible[rows] > SEEN
+        for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
+            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
+                again = seen[:start].sum() >= SECOND and seen[stop:].any()
+                found.append((i, rest.frame[rows][start], stop - start, again))
+    return np.array(found, dtype=np.int64).reshape(-1, 4)
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int) -> None:
     """In parked_row vans on the road hide ten or more parked cars for a second or more each; two or
@@ -46,18 +62,43 @@ def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int
     trace = simulate(scenario, seed)
     parked = trace.object_id >= trace.ids()[-len(scenario.statics)]
     rest, bare = without(trace, (trace.kind == VAN) & ~parked)
-    distance = rest.sensor_distance()
-    assert (speed_of(rest)[np.isin(rest.object_id, trace.object_id[parked])] == 0.0).all()
-    hidden = again = 0
-    for car in np.intersect1d(rest.ids(), trace.object_id[parked]):
-        rows = rest.rows_of(int(car))
-        seen = rest.visible[rows] > SEEN
-        for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
-            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
-                hidden += 1
-                again += seen[:start].sum() >= SECOND and seen[stop:].any()
-    assert hidden >= 10
-    assert again >= 2
+    cars = np.intersect1d(rest.ids(), trace.object_id[parked])
+    assert (speed_of(rest)[np.isin(rest.object_id, cars)] == 0.0).all()
+    spells = hidden_spells(rest, bare, cars)
+    assert len(spells) >= 10
+    assert spells[:, 3].sum() >= 2
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_mixed_traffic_hides_cyclists_behind_trucks_and_buses(seed: int) -> None:
+    """In mixed_traffic trucks and buses hide five or more cyclists for a second or more each; one
+    or more of these had been in view for a second before, and come into view again."""
+    trace = simulate(scenarios.load("mixed_traffic"), seed)
+    rest, bare = without(trace, np.isin(trace.kind, (TRUCK, BUS)))
+    cyclists = np.unique(rest.object_id[rest.kind == BICYCLE])
+    for name, metres in (("length", 1.7), ("width", 0.6), ("height", 1.7)):
+        assert (getattr(rest, name)[rest.kind == BICYCLE] == metres).all()
+    spells = hidden_spells(rest, bare, cyclists)
+    assert len(np.unique(spells[:, 0])) >= 5
+    assert spells[:, 3].any()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_passing_van_hides_two_parked_cars_one_to_three_seconds_at_a_time(seed: int) -> None:
+    """In passing_van the ego car stands for 20 s or more, and meanwhile vans hide each of the two
+    parked cars twice or more for one to three seconds; each time the car had been in view for a
+    second before, and comes into view again."""
+    trace = simulate(scenarios.load("passing_van"), seed)
+    parked = trace.ids()[-2:]
+    rest, bare = without(trace, trace.kind == VAN)
+    assert (speed_of(rest)[np.isin(rest.object_id, parked)] == 0.0).all()
+    (standing,) = runs(np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)) == 0.0)
+    assert standing[1] - standing[0] >= 20 * SECOND
+    spells = hidden_spells(rest, bare, parked)
+    car, start, frames, again = spells.T
+    meanwhile = (start >= standing[0]) & (start + frames <= standing[1])
+    for one in parked:
+        assert (meanwhile & (car == one) & (frames <= 3 * SECOND) & (again == 1)).sum() >= 2
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -75,6 +116,45 @@ def test_off_scene_loses_cars_that_turn_off(seed: int) -> None:
         lost += len(trace.frame[rows]) - 1 - seen[-1] >= SECOND
     assert lost >= 3
     assert np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)).sum() > 300.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_city_grid_turns_corners_and_halts_at_every_crossing(seed: int) -> None:
+    """In city_grid the ego car turns a corner between the outermost streets and never leaves them;
+    vehicles halt within 30 m of each of the sixteen crossings, and turn both left and right."""
+    trace = simulate(scenarios.load("city_grid"), seed)
+    ego, first, last = trace.ego, STREETS[0], STREETS[-1]
+    assert min(ego.x.min(), ego.y.min()) > first
+    assert max(ego.x.max(), ego.y.max()) < last + 5.0  # the lane beside the outermost centre line
+    assert np.ptp(ego.x) > 30.0
+    assert np.ptp(ego.y) > 30.0
+    vehicles = trace.object_id < trace.ids()[-len(scenarios.load("city_grid").statics)]
+    halted = (speed_of(trace) == 0.0) & vehicles
+    for x in STREETS:
+        for y in STREETS:
+            near = np.maximum(np.abs(trace.x - x), np.abs(trace.y - y)) < 30.0
+            assert (halted & near).any(), (x, y)
+    assert trace.yaw_rate.min() < -0.3
+    assert trace.yaw_rate.max() > 0.3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_dense_jam_holds_three_hundred_vehicles_at_once_which_stop_and_go(seed: int) -> None:
+    """In every frame of dense_jam there are 300 vehicles or more; 100 or more of them start from
+    standstill and come to stand again, 30 within sight of the ego car, which does so itself."""
+    trace = simulate(scenarios.load("dense_jam"), seed)
+    assert np.bincount(trace.frame, minlength=trace.n_frames).min() >= 300
+    assert len(trace.frame_start) == trace.n_frames + 1
+    standing, near = speed_of(trace) == 0.0, trace.sensor_distance() < LIDAR_RANGE
+    again = beside = 0
+    for vehicle in trace.ids():
+        rows = trace.rows_of(int(vehicle))
+        repeats = len(runs(standing[rows])) >= 2
+        again += repeats
+        beside += repeats and near[rows].any()
+    assert again >= 100
+    assert beside >= 30
+    assert len(runs(np.hypot(np.diff(trace.ego.x), np.diff(trace.ego.y)) == 0.0)) >= 2
 
 
 @pytest.mark.parametrize("braking", [5.0, 7.0])

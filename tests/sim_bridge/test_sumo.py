@@ -76,7 +76,8 @@ def test_kinds_and_sizes_are_those_of_the_vehicle_types(
     """Mixed traffic with the sizes that the route file declares."""
     _, recording = pair
     assert {"car", "van", "truck"} <= set(recording.kinds)
-    lengths = {"bus": {12.0}, "van": {5.4}, "truck": {8.0}, "car": {4.2, 4.5, 4.6, 4.7}}
+    lengths = {"bus": {12.0}, "van": {5.4}, "truck": {8.0}, "bicycle": {1.7}}
+    lengths["car"] = {4.2, 4.5, 4.6, 4.7}
     for kind, length in zip(recording.kinds, recording.length, strict=True):
         assert length in lengths[kind]
     assert recording.simulator.startswith("SUMO ")
@@ -137,7 +138,7 @@ def test_parameters_reach_the_traffic() -> None:
 
 
 def test_no_vehicle_touches_a_parked_one(pair: tuple[Scenario, Recording]) -> None:
-    """Every raw vehicle stays clear of every static box (both are nearly parallel to x here)."""
+    """Every raw vehicle stays clear of every static box (both are nearly parallel to an axis)."""
     scenario, recording = pair
     length = recording.length[recording.vehicle]
     width = recording.width[recording.vehicle]
@@ -146,9 +147,11 @@ def test_no_vehicle_touches_a_parked_one(pair: tuple[Scenario, Recording]) -> No
     along = np.abs(np.cos(recording.heading))
     across = np.abs(np.sin(recording.heading))
     for box in scenario.statics:
-        assert math.isclose(abs(math.cos(box.yaw)), 1.0, rel_tol=1e-6)
-        gap_x = np.abs(centre_x - box.x) - (length * along + width * across + box.length) / 2
-        gap_y = np.abs(centre_y - box.y) - (length * across + width * along + box.width) / 2
+        cos, sin = abs(math.cos(box.yaw)), abs(math.sin(box.yaw))
+        assert math.isclose(max(cos, sin), 1.0, rel_tol=1e-6)
+        size_x, size_y = box.length * cos + box.width * sin, box.length * sin + box.width * cos
+        gap_x = np.abs(centre_x - box.x) - (length * along + width * across + size_x) / 2
+        gap_y = np.abs(centre_y - box.y) - (length * across + width * along + size_y) / 2
         assert np.maximum(gap_x, gap_y).min() > 0.2  # m
 
 
