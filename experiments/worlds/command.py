@@ -1,25 +1,31 @@
 """The command `mdkf scenarios`: the catalogue, or one scenario described and drawn."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 import scenarios
+import sim_bridge
 from experiments import terminal
 from experiments.options import Json, NoCache, busy, simulated
 from experiments.worlds.describe import Description, describe
-from experiments.worlds.figure import world_figure
+from experiments.worlds.figure import catalogue_figure, world_figure
 from mdkf import Trace
 from sim_bridge.parquet import replacing
 
 DOTS_PER_INCH = 150
+DRAWN = ("sumo", "highway-env", "closed-form", "kitti")
+"""Sources in the order of the catalogue's picture; recordings are left out."""
+SEEDS = 5
+"""Tried for a world of the catalogue's picture."""
 
 
 def list_scenarios(
@@ -29,28 +35,29 @@ def list_scenarios(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the world that is described.", min=0)] = 0,
     picture: Annotated[
-        Path | None, typer.Option(help="PNG file to draw it into.", dir_okay=False)
+        Path | None, typer.Option(help="PNG file to draw it into, or all of them.", dir_okay=False)
     ] = None,
     no_cache: NoCache = False,
     as_json: Json = False,
 ) -> None:
     """List the scenarios, or describe one: parameters, objects, regimes, natural occlusions."""
     if name is None:
-        if picture is not None:
-            raise typer.BadParameter("--picture draws one scenario: give its name")
         catalogue = tuple(scenarios.load(known) for known in scenarios.list())
         if as_json:
             print(json.dumps({"rows": [_row(scenario) for scenario in catalogue]}))
         else:
             Console().print(terminal.scenario_table(catalogue))
+        if picture is not None:
+            drawn = sorted(catalogue, key=lambda scenario: DRAWN.index(scenario.source))
+            own = [scenario for scenario in drawn if scenario.source != "kitti"]
+            _save(catalogue_figure(list(_worlds(own, seed, no_cache))), picture)
         return
     scenario = scenarios.load(name)
     with busy(f"simulating {scenario.name}"):
         trace = simulated(scenario, seed, no_cache)
     told = describe(trace)
     if picture is not None:
-        with replacing(picture) as temporary:
-            world_figure(scenario, trace).savefig(temporary, format="png", dpi=DOTS_PER_INCH)
+        _save(world_figure(scenario, trace), picture)
     if as_json:
         print(
             json.dumps({"rows": [{**_row(scenario), "seed": seed, **asdict(told), **_own(trace)}]})
@@ -61,6 +68,25 @@ def list_scenarios(
     console.print(_table(told, trace.provenance))
     if picture is not None:
         print(picture)
+
+
+def _worlds(
+    catalogue: Sequence[scenarios.Scenario], seed: int, no_cache: bool
+) -> Iterator[tuple[scenarios.Scenario, Trace]]:
+    """A world of each scenario, of the first seed from `seed` on that is not refused."""
+    for scenario in catalogue:
+        with busy(f"simulating {scenario.name}"):
+            for own in range(seed, seed + SEEDS):
+                try:
+                    yield scenario, simulated(scenario, own, no_cache)
+                    break
+                except sim_bridge.SeedRefused:
+                    continue
+
+
+def _save(figure: Figure, picture: Path) -> None:
+    with replacing(picture) as temporary:
+        figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
 
 
 def _row(scenario: scenarios.Scenario) -> dict[str, Any]:

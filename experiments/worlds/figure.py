@@ -1,5 +1,7 @@
-"""A world from above: the lanes, every path coloured by regime, what hides, and the sensor."""
+"""Worlds from above: the lanes, every path coloured by regime, what hides, and the sensor."""
 
+import math
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,6 +23,10 @@ REGIME_COLOURS = {
     "changing_acceleration": "#ef6c00",
     "unknown": "#616161",
 }
+COLUMNS = 5
+"""Worlds in a row of the catalogue."""
+WIDE, HIGH = 75.0, 45.0
+"""From the middle of a panel of the catalogue to its edges [m]."""
 _WALL_COLOUR = "#bcaaa4"
 _TALL = 2.0
 """Height from which a box hides a car [m]."""
@@ -34,12 +40,9 @@ def world_figure(scenario: Scenario, trace: Trace) -> Figure:
     ego = trace.ego
     figure = Figure(figsize=(10, 10), layout="constrained")
     above, snapshot = figure.subplots(2, 1, height_ratios=(1, 1.1))
-    lanes = _lanes(scenario) if isinstance(scenario, SumoScenario) else []
     for axes in (above, snapshot):
-        axes.add_collection(LineCollection(lanes, colors="#e4e4e4", linewidths=3, zorder=0))
-        axes.plot(ego.x, ego.y, color="black", linewidth=1.2, linestyle="--", zorder=3)
+        _ground(axes, scenario, trace)
         axes.set(xlabel="x [m]", ylabel="y [m]")
-        axes.set_aspect("equal")
     _paths(above, trace, near)
     for values, set_limits in ((ego.x, above.set_xlim), (ego.y, above.set_ylim)):
         set_limits(values.min() - SCORED_RANGE, values.max() + SCORED_RANGE)
@@ -47,7 +50,7 @@ def world_figure(scenario: Scenario, trace: Trace) -> Figure:
         f"{scenario.name}, seed {trace.provenance['seed']}: {trace.n_frames * trace.dt:g} s,"
         f" within {SCORED_RANGE:g} m of the sensor"
     )
-    _legend(above, trace)
+    above.legend(handles=_handles([trace]), fontsize=8, loc="upper left", ncols=3)
     _boxes(snapshot, trace, frame, hidden)
     for axes in (above, snapshot):
         _walls(axes, trace, frame)
@@ -59,6 +62,42 @@ def world_figure(scenario: Scenario, trace: Trace) -> Figure:
         f" than {SCORED_VISIBLE:.0%} visible (red); dark: {_TALL:g} m or taller; triangle: sensor"
     )
     return figure
+
+
+def catalogue_figure(worlds: Sequence[tuple[Scenario, Trace]]) -> Figure:
+    """A panel for each world, all of one scale: the paths within range of the sensor, around the
+    place where it is when half the time is over."""
+    rows = math.ceil(len(worlds) / COLUMNS)
+    figure = Figure(figsize=(3.6 * COLUMNS, 2.7 * rows + 0.7), layout="constrained")
+    panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+    for axes, (scenario, trace) in zip(panels, worlds, strict=False):
+        _ground(axes, scenario, trace)
+        _paths(axes, trace, trace.road_users() & (trace.sensor_distance() <= SCORED_RANGE))
+        middle = trace.n_frames // 2
+        _walls(axes, trace, middle)
+        x, y = trace.ego.x[middle], trace.ego.y[middle]
+        axes.plot([x], [y], "k^", markersize=7, zorder=5)
+        axes.set(xlim=(x - WIDE, x + WIDE), ylim=(y - HIGH, y + HIGH))
+        axes.set_title(f"{scenario.name} ({scenario.source})", fontsize=10)
+        axes.tick_params(labelsize=7)
+    for axes in panels[len(worlds) - COLUMNS : len(worlds)]:
+        axes.set_xlabel("x [m]", fontsize=8)
+    for axes in panels[: len(worlds) : COLUMNS]:
+        axes.set_ylabel("y [m]", fontsize=8)
+    for axes in panels[len(worlds) :]:
+        axes.set_axis_off()
+    handles = _handles([trace for _, trace in worlds])
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=10)
+    return figure
+
+
+def _ground(axes: Axes, scenario: Scenario, trace: Trace) -> None:
+    """The lanes, where they are known, and the sensor's path."""
+    lanes = _lanes(scenario) if isinstance(scenario, SumoScenario) else []
+    axes.add_collection(LineCollection(lanes, colors="#e4e4e4", linewidths=3, zorder=0))
+    ego = trace.ego
+    axes.plot(ego.x, ego.y, color="black", linewidth=1.2, linestyle="--", zorder=3)
+    axes.set_aspect("equal")
 
 
 def _lanes(scenario: SumoScenario) -> list[FloatArray]:
@@ -130,14 +169,16 @@ def _outlines(trace: Trace, rows: IntArray) -> list[FloatArray]:
     return list(np.stack([x, y], axis=-1))
 
 
-def _legend(axes: Axes, trace: Trace) -> None:
-    present = [name for code, name in enumerate(REGIMES) if (trace.regime == code).any()]
+def _handles(traces: Sequence[Trace]) -> list[Artist]:
+    """What colours and lines mean, of what there is."""
+    codes = set().union(*(np.unique(trace.regime).tolist() for trace in traces))
+    present = [name for code, name in enumerate(REGIMES) if code in codes]
     handles: list[Artist] = [
         Line2D([], [], color=REGIME_COLOURS[name], linewidth=2, label=name.replace("_", " "))
         for name in present
     ]
     handles.append(Line2D([], [], color="#616161", linewidth=0.5, label="thin: hidden"))
     handles.append(Line2D([], [], color="black", linestyle="--", label="the sensor's path"))
-    if not trace.road_users().all():
+    if not all(trace.road_users().all() for trace in traces):
         handles.append(Patch(color=_WALL_COLOUR, label="wall"))
-    axes.legend(handles=handles, fontsize=8, loc="upper left", ncols=3)
+    return handles

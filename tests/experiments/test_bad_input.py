@@ -61,7 +61,7 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     ),
     "unknown detector to detect with": (
         ("detect", "{made}/trace.parquet", "--detector", "lidar", *OUT),
-        ("'lidar'", "known detectors: pointrcnn"),
+        ("'lidar'", "known detectors: casa"),
     ),
     "detector file that is not there": (
         ("detect", "{made}/trace.parquet", "--detector", "own.yaml", *OUT),

@@ -25,7 +25,10 @@ from tests.experiments.commands import (
     shortened,
 )
 
-COMMANDS = ("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench")
+COMMANDS = (
+    *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
+    *("fit-detector", "check-detector"),
+)
 KEYS = {
     *("scenario", "filter", "seeds", "hota", "mota", "idf1", "idsw"),
     *("error_before", "error_gap", "error_after", "ms_per_frame"),

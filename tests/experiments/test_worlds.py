@@ -9,9 +9,9 @@ import pytest
 import scenarios
 import sim_bridge
 from experiments.worlds.describe import describe, occlusion_lengths
-from experiments.worlds.figure import world_figure
+from experiments.worlds.figure import catalogue_figure, world_figure
 from mdkf import REGIMES, Trace
-from tests.experiments.commands import Mdkf, assert_refused, shortened
+from tests.experiments.commands import Mdkf, shortened
 
 
 def world(visible: list[float], distance: float = 20.0) -> Trace:
@@ -102,10 +102,31 @@ def test_the_command_describes_and_draws(mdkf_command: Mdkf, tmp_path: Path) -> 
     assert row["source"] == "closed-form"
 
 
-def test_a_picture_needs_a_name(mdkf_command: Mdkf, tmp_path: Path) -> None:
-    """The catalogue itself cannot be drawn."""
+def test_the_catalogue_is_drawn_without_a_name(
+    mdkf_command: Mdkf, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A panel for each scenario but recordings, those of simulators first; the table as ever."""
+    names = ("circle", "kitti-0001", "merge", "stationary")
+    known = tuple(name for name in names if name in scenarios.list())
+    monkeypatch.setattr(scenarios, "list", lambda: known)
     picture = tmp_path / "all.png"
-    assert_refused(mdkf_command("scenarios", "--picture", str(picture)), tmp_path, "--picture")
+    answer = mdkf_command("scenarios", "--picture", str(picture))
+    assert answer.status == 0
+    assert all(name in answer.out for name in known)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_panels_of_the_catalogue_are_of_one_scale() -> None:
+    """Around the sensor in the middle of the recording, as wide and as high in all."""
+    worlds = [(s, sim_bridge.simulate(s, 0)) for s in map(scenarios.load, ("circle", "journey"))]
+    panels = [axes for axes in catalogue_figure(worlds).axes if axes.get_title()]
+    assert [axes.get_title() for axes in panels] == [
+        "circle (closed-form)",
+        "journey (closed-form)",
+    ]
+    for axes in panels:
+        assert axes.get_xlim() == (-75.0, 75.0)
+        assert axes.get_ylim() == (-45.0, 45.0)
 
 
 def test_the_cache_changes_no_byte(
