@@ -35,6 +35,7 @@ every_error = pytest.mark.parametrize("name", ERRORS)
 # Distance [m] and visible fraction; together they separate all terms of every law.
 CELLS = ((5.0, 1.0), (8.0, 0.1), (30.0, 0.55), (40.0, 1.0), (60.0, 0.9), (65.0, 0.5))
 PER_CELL, N_FRAMES = 8000, 8
+CHANCE = 1e-4  # of a false alarm of one of a hundred comparisons
 FAR = 66.0  # m: here many objects are missed and many boxes look backwards
 
 
@@ -151,10 +152,10 @@ def test_tails_are_the_profiles(name: str, frame: int) -> None:
     errors = np.concatenate(of_cells)
     errors = errors[~np.isnan(errors)]
     assert len(errors) > 30_000
-    assert stats.kstest(errors, stats.t(tail).cdf).pvalue > 1e-3
+    assert stats.kstest(errors, stats.t(tail).cdf).pvalue > CHANCE
     for scales in (3.0, 6.0):
         beyond = int((np.abs(errors) > scales).sum())
-        assert stats.binomtest(beyond, len(errors), 2 * stats.t.sf(scales, tail)).pvalue > 1e-3
+        assert stats.binomtest(beyond, len(errors), 2 * stats.t.sf(scales, tail)).pvalue > CHANCE
 
 
 @every_error
@@ -246,24 +247,30 @@ def test_boxes_look_backwards_at_the_profiles_rate() -> None:
             flips = cells()["flip"][cell, :, frame]
             flips = flips[~np.isnan(flips)]
             chance = stats.binomtest(int(flips.sum()), len(flips), flip_rate(r, v))
-            assert chance.pvalue > 1e-3, (r, v)
+            assert chance.pvalue > CHANCE, (r, v)
     r, v = CELLS[-1]
     errors = student("yaw", r, v, cells()["yaw"][-1, :, 0])[cells()["flip"][-1, :, 0] == 1]
     assert len(errors) > 300
-    assert stats.kstest(errors, stats.t(LAW["yaw"]["tail"]).cdf).pvalue > 1e-3
+    assert stats.kstest(errors, stats.t(LAW["yaw"]["tail"]).cdf).pvalue > CHANCE
 
 
 def test_boxes_look_backwards_for_a_while() -> None:
     """Flips hang together in time: of two detections some frames apart, both are flipped as often
-    as two correlated normal numbers are below the rate's quantile."""
+    as two correlated normal numbers are below the rate's quantile; at even odds the flips'
+    autocorrelation is 2 / pi asin of the numbers'."""
     flips, p = far_cars()["flip"], flip_rate(FAR, 1.0)
+
+    def even(profile: dict[str, Any]) -> None:
+        profile["flip"] |= {"constant": 0.0, "per_range": 0.0, "hidden": 0.0}
+
+    trace = convoy(20.0, np.linspace(-3, 3, 2000), 1.0, 50)
+    signs = 2 * dense(trace, detect(trace, changed(even), seed=21))["flip"] - 1
     for lag in (1, 4, 20):
-        both = flips[:, lag:] * flips[:, :-lag]
-        expected = twice(p, correlation(LAW["flip"], 0.1 * lag))
-        assert np.nanmean(both) == pytest.approx(expected, abs=0.01), lag
-    assert (
-        twice(p, correlation(LAW["flip"], 0.1)) > 3 * p**2
-    )  # the bound above is no matter of luck
+        together = correlation(LAW["flip"], 0.1 * lag)
+        both = np.nanmean(flips[:, lag:] * flips[:, :-lag])
+        assert both == pytest.approx(twice(p, together), abs=0.01), lag
+        expected = 2 / np.pi * np.arcsin(together)
+        assert autocorrelation(signs, lag) == pytest.approx(expected, abs=0.02), lag
 
 
 def test_scores_are_the_profiles() -> None:
@@ -278,7 +285,7 @@ def test_scores_are_the_profiles() -> None:
         assert np.nanstd(scores) == pytest.approx(folded.std(), rel=0.05), (r, v)
         assert np.nanmin(scores) >= 0.0
         first = scores[:, 0][~np.isnan(scores[:, 0])]
-        assert stats.kstest(first, folded.cdf).pvalue > 1e-3, (r, v)
+        assert stats.kstest(first, folded.cdf).pvalue > CHANCE, (r, v)
     numbers = normal("score", 20.0, 1.0, column_of_cars(0.1)["score"])
     for lag in (1, 5, 20):
         expected = correlation(LAW["score"], 0.1 * lag)

@@ -208,7 +208,7 @@ def poses(trace: Trace, *seeds: int) -> tuple[FloatArray, FloatArray]:
 
 def test_a_wrong_pose_moves_all_boxes_of_a_frame_alike() -> None:
     """Clutter included, by an offset and a turn about the sensor with the profile's deviations,
-    independent of each other, forgotten with the pose's time constant; in another run by others."""
+    independent of each other, forgotten with the pose's time constant."""
     trace = convoy(15.0, np.linspace(-3, 3, 8), 1.0, 20_000)
     (offset,), (turn,) = poses(trace, 19)
     parts = np.array([offset[:, 0] / 0.3, offset[:, 1] / 0.3, turn / 0.02])

@@ -7,10 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-import sim_bridge
 from sim_bridge import ProfileError, load_profile, profile_names
-
-POINTRCNN = Path(sim_bridge.__file__).with_name("detectors") / "pointrcnn.yaml"
+from tests.sim_bridge.measured import MAX_RANGE, POINTRCNN, document
 
 
 def refused(given: str | Path) -> str:
@@ -23,8 +21,8 @@ def refused(given: str | Path) -> str:
 
 def changed(folder: Path, keys: tuple[str, ...], value: Any) -> Path:
     """The shipped profile with one key set; None removes it."""
-    document = yaml.safe_load(POINTRCNN.read_text(encoding="utf-8"))
-    inner = document
+    numbers = document()
+    inner = numbers
     for key in keys[:-1]:
         inner = inner[key]
     if value is None:
@@ -32,7 +30,7 @@ def changed(folder: Path, keys: tuple[str, ...], value: Any) -> Path:
     else:
         inner[keys[-1]] = value
     path = folder / "mine.yaml"
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    path.write_text(yaml.safe_dump(numbers), encoding="utf-8")
     return path
 
 
@@ -136,7 +134,7 @@ def test_unknown_names_list_the_known() -> None:
         (("max_range",), "71.8", "valid number"),
         (("max_range",), True, "valid number"),
         (("max_range",), 2.0, "clutter.min_range must be below max_range"),
-        (("clutter", "min_range"), 500.0, "clutter.min_range must be below max_range"),
+        (("clutter", "min_range"), MAX_RANGE, "clutter.min_range must be below max_range"),
         (("clutter", "flashes", "density"), 1e20, "less than or equal to 0.1"),
         (("clutter", "ghosts", "density"), 0.11, "less than or equal to 0.1"),
         (("clutter", "flashes", "score_mean"), 0.0, "greater than 0"),
