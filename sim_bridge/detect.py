@@ -23,7 +23,7 @@ from sim_bridge.randomness import stream
 from sim_bridge.recorded import is_recorded, recorded_detections
 
 BATCH = 100_000
-"""Rows that are worked on at a time: memory beyond the result does not grow with the trace."""
+"""Rows that are worked on at a time: their noise is many times as large as what becomes of it."""
 
 NEAREST = 3.0
 """Distance below which errors grow no more [m]."""
@@ -162,7 +162,7 @@ def detection_probability(
     # Without half_points any return is enough.
     enough = 1.0 - np.exp2(-points / law.half_points) if law.half_points else points > 0.0
     probability = expit((reach - distance) / law.range_width) * enough
-    return np.where((distance <= profile.max_range) & (visible > 0.0), probability, 0.0)
+    return np.where(distance <= profile.max_range, probability, 0.0)
 
 
 def flip_probability(profile: Profile, distance: FloatArray, visible: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from sim_bridge.profile import Correlation
 FARTHEST = 8.0
 """Beyond it a standard normal number is taken as this: one in 10^15."""
 NODES = 1 << 14
+"""Stretches between them."""
 
 
 def correlated(
@@ -54,24 +55,28 @@ def heavy_tailed(normal: FloatArray, tail: float) -> FloatArray:
     """Standard normal numbers as numbers of Student's distribution with `tail` degrees of freedom.
 
     Each becomes the quantile of its own probability, so what hangs together still does. Between
-    16 385 exact quantiles it is interpolated (relative error below 1e-6).
+    16 385 exact quantiles it is interpolated (relative error below 1e-5).
     """
-    nodes, quantiles = _quantiles(tail)
-    numbers: FloatArray = np.interp(normal, nodes, quantiles)
+    quantiles, steps = _quantiles(tail)
+    # The nodes are evenly apart: no search as in np.interp, which takes ten times as long.
+    place = (np.clip(normal, -FARTHEST, FARTHEST) + FARTHEST) * (NODES / (2.0 * FARTHEST))
+    node = np.minimum(place.astype(np.int64), NODES - 1)
+    numbers: FloatArray = quantiles[node] + (place - node) * steps[node]
     return numbers
 
 
 @lru_cache(maxsize=64)
 def _quantiles(tail: float) -> tuple[FloatArray, FloatArray]:
+    """Quantiles at evenly spaced normal numbers, and the steps from each to the next."""
     positive = np.linspace(0.0, FARTHEST, NODES // 2 + 1)
     # The upper probability 1 - p loses its digits for large quantiles; the lower one keeps them.
     upper = -stdtrit(tail, ndtr(-positive))
     upper[0] = 0.0
-    nodes = np.concatenate([-positive[:0:-1], positive])
     quantiles = np.concatenate([-upper[:0:-1], upper])
-    for array in (nodes, quantiles):
+    steps = np.diff(quantiles)
+    for array in (quantiles, steps):
         array.flags.writeable = False
-    return nodes, quantiles
+    return quantiles, steps
 
 
 def drifting(rng: Generator, n: int, dt: float, time: float) -> FloatArray:

@@ -146,9 +146,10 @@ class Pose(Settings):
 class Profile(Settings):
     """All that a simulated detector's errors depend on.
 
-    max_range: no detections beyond [m]; side_share: share of the way from a box's middle to the
-    middle of what is visible of it, across the line of sight, by which it is shifted; pose: none
-    means exactly known; evidence: what the numbers were measured on, and how well they fit.
+    max_range: nothing farther away is detected [m]; side_share: share of the way from a box's
+    middle to the middle of what is visible of it, across the line of sight, by which it is shifted;
+    pose: none means exactly known; evidence: what the numbers were measured on, and how well they
+    fit.
     """
 
     name: str

@@ -140,6 +140,25 @@ def test_scales_are_the_profiles(name: str) -> None:
         assert abs(np.nanmedian(unbiased)) < 0.1 * expected
 
 
+def test_the_near_term_stops_at_three_metres() -> None:
+    """An object's noise is the same numbers wherever it is, so that errors at 2.6 m, 3 m and 6 m
+    are to each other, exactly, as constant + near / max(r, 3 m) + per_range_squared r^2."""
+    numbers = []
+    for r in (2.6, 3.0, 6.0):
+        trace = convoy(r, np.arange(20) * 2.4, 1.0, 3)
+        errors = dense(trace, detect(trace, seed=22))
+        numbers.append(
+            {
+                name: student(name, r, 1.0, errors[name])
+                for name in ("radial", "lateral", "vertical")
+            }
+        )
+    for name in numbers[0]:
+        assert ERRORS[name]["near"] > 0.0
+        for others in numbers[1:]:
+            np.testing.assert_allclose(others[name], numbers[0][name], rtol=1e-6, atol=1e-6)
+
+
 @every_error
 @pytest.mark.parametrize("frame", [0, N_FRAMES - 1])
 def test_tails_are_the_profiles(name: str, frame: int) -> None:

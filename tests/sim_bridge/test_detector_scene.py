@@ -10,7 +10,7 @@ from scipy import stats
 
 from mdkf.tables import CLUTTER, FloatArray, Trace
 from sim_bridge import detect
-from sim_bridge.point_count import HDL_64E
+from sim_bridge.lidar import HDL_64E
 from tests.sim_bridge.measured import (
     MAX_RANGE,
     autocorrelation,

@@ -19,8 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from sim_bridge.lidar import HDL_64E, Lidar
 from sim_bridge.line_of_sight import visible_fractions
-from sim_bridge.point_count import HDL_64E, Lidar, lone_point_counts, point_counts
+from sim_bridge.point_count import lone_point_counts, point_counts
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -421,7 +422,9 @@ def test_plain_python_gives_the_same_counts() -> None:
     """The kernels run without numba's compiler, in another process as it is chosen on import."""
     sensor, boxes = scene(5, 12)
     program = (
-        "import json, sys; from sim_bridge.point_count import Lidar, point_counts\n"
+        "import json, sys\n"
+        "from sim_bridge.lidar import Lidar\n"
+        "from sim_bridge.point_count import point_counts\n"
         "sensor, boxes = json.load(sys.stdin)\n"
         "lidar = Lidar(rays=720, beams=33)\n"
         "print(point_counts([sensor], [0, len(boxes)], boxes, lidar).tolist())"
