@@ -167,11 +167,10 @@ def _locate(name_or_path: str | Path) -> Path:
         return _FOLDER / given / DEFINITION
     looks_like_path = isinstance(name_or_path, Path) or any(c in given for c in "/\\.")
     if not looks_like_path:
-        shown = given[:80] + ("..." if len(given) > 80 else "")
+        shown = given[:24] + ("..." if len(given) > 24 else "")
         raise ScenarioError(
             f"unknown scenario {shown!r}{_suggestion(given, list_names())};"
-            f" known: {', '.join(_own_names())}, {PREFIX}SSSS (recorded); or give the path of a"
-            " scenario file"
+            f" known: {', '.join(_own_names())}, {PREFIX}SSSS; or the path of a scenario file"
         )
     return Path(name_or_path)
 
