@@ -53,4 +53,4 @@ def test_every_command_in_the_readme_exists() -> None:
 
     known = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
     text = "\n".join(re.findall(r"`([^`\n]+)`", README.read_text(encoding="utf-8")))
-    assert set(re.findall(r"\bmdkf ([a-z]+)", text + "\n".join(blocks("sh")))) <= known
+    assert set(re.findall(r"\bmdkf ([a-z-]+)", text + "\n".join(blocks("sh")))) <= known
