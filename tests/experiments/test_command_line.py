@@ -256,7 +256,7 @@ def test_units_and_a_scenarios_own_words_are_printed_as_they_are(
     mdkf_command: Mdkf, ran: tuple[Answer, Path], made: Path, tmp_path: Path
 ) -> None:
     """Square brackets are no markup: not in headings, not in a user's file."""
-    purpose = "Buses at their stops hide parked and passing cars from a car that drives by."
+    purpose = scenarios.load("bus_stop").purpose
     own = shortened(
         tmp_path / "own", scenario=lambda text: text.replace(purpose, "see [1] and [/x] end")
     )

@@ -39,16 +39,18 @@ def without(trace: Trace, dropped: NDArray[np.bool_]) -> tuple[Trace, FloatArray
     return rest, visible_fractions(sensor, rest.frame_start, boxes)
 
 
-def hidden_spells(rest: Trace, bare: FloatArray, objects: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Spells of a second or more in which one of the objects, within range, is hidden although it
-    would be seen if nothing but the rest were there (n, 4): object, first frame, frames, and
-    whether it had been in view for a second before and came into view again."""
+def hidden_spells(
+    rest: Trace, bare: FloatArray, objects: NDArray[np.int64], shortest: int = SECOND
+) -> NDArray[np.int64]:
+    """Spells of `shortest` frames or more in which one of the objects, within range, is hidden
+    although it would be seen if nothing but the rest were there (n, 4): object, first frame,
+    frames, and whether it had been in view for a second before and came into view again."""
     distance, found = rest.sensor_distance(), []
     for i in objects:
         rows = rest.rows_of(int(i))
         seen = rest.visible[rows] > SEEN
         for start, stop in runs((rest.visible[rows] < HIDDEN) & (bare[rows] > SEEN)):
-            if stop - start >= SECOND and distance[rows][start:stop].max() < LIDAR_RANGE:
+            if stop - start >= shortest and distance[rows][start:stop].max() < LIDAR_RANGE:
                 again = seen[:start].sum() >= SECOND and seen[stop:].any()
                 found.append((i, rest.frame[rows][start], stop - start, again))
     return np.array(found, dtype=np.int64).reshape(-1, 4)
@@ -67,6 +69,17 @@ def test_parked_row_hides_parked_cars_behind_driving_and_standing_vans(seed: int
     spells = hidden_spells(rest, bare, cars)
     assert len(spells) >= 10
     assert spells[:, 3].sum() >= 2
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_bus_stop_hides_cyclists_behind_buses(seed: int) -> None:
+    """In bus_stop a bus hides a cyclist for half a second or more who would be seen through a gap
+    between parked cars, had been in view for a second before, and comes into view again."""
+    trace = simulate(scenarios.load("bus_stop"), seed)
+    rest, bare = without(trace, trace.kind == BUS)
+    cyclists = np.unique(rest.object_id[rest.kind == BICYCLE])
+    spells = hidden_spells(rest, bare, cyclists, shortest=SECOND // 2)
+    assert spells[:, 3].any()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
