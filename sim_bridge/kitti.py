@@ -22,6 +22,7 @@ from mdkf.tables import (
     CLUTTER,
     KINDS,
     UNKNOWN_REGIME,
+    BoolArray,
     Detections,
     EgoPath,
     FloatArray,
@@ -38,6 +39,7 @@ from sim_bridge.kitti_files import (
     read_labels,
     read_poses,
     read_sequences,
+    read_unlabelled,
 )
 from sim_bridge.line_of_sight import CONTACT, visible_fractions
 
@@ -110,12 +112,17 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trac
 
 
 def kitti_detections(
-    root: str | Path, detector: str | Path, sequence: str, dt: float = FRAME_TIME
+    root: str | Path,
+    detector: str | Path,
+    sequence: str,
+    dt: float = FRAME_TIME,
+    unlabelled: bool = True,
 ) -> Detections:
     """The recorded detections of a sequence, in the world frame of its trace.
 
     detector: the name of a folder in the root's `detections`, or the path of any folder of such
-    files; root, sequence and dt as for `kitti_trace`.
+    files; root, sequence and dt as for `kitti_trace`; unlabelled: whether to keep boxes of no label
+    that lie in an area where nothing is labelled, so that nobody knows whether they are false.
     `source` is the track id of the label that the box belongs to, `CLUTTER` for none: in each
     frame one to one, so that the sum of 1 - d / `GATE` over the pairs nearer than `GATE` on the
     ground is greatest. Scores are the detector's raw ones.
@@ -128,13 +135,14 @@ def kitti_detections(
     path = folder / f"{sequence}.txt"
     found = read_detections(path, trace.n_frames)
     boxes = _Rig.read(root, sequence, trace.n_frames).world_boxes(found)
+    source = _sources(found.frame, np.column_stack([boxes["x"], boxes["y"]]), trace)
+    kept = np.ones(len(source), dtype=np.bool_)
+    if not unlabelled:
+        areas = read_unlabelled(_file(root, "label_02", sequence), trace.n_frames)
+        kept = (source != CLUTTER) | ~_within(found, *areas)
+    columns = {"frame": found.frame, **boxes, "score": found.last, "source": source}
     return Detections.from_columns(
-        {
-            "frame": found.frame,
-            **boxes,
-            "score": found.last,
-            "source": _sources(found.frame, np.column_stack([boxes["x"], boxes["y"]]), trace),
-        },
+        {name: values[kept] for name, values in columns.items()},
         n_frames=trace.n_frames,
         dt=dt,
         provenance={
@@ -237,6 +245,21 @@ def _refuse_sensor_inside(
             f"{path}: line {labels.line[row]}: the box holds the LiDAR that sees it in frame"
             f" {labels.frame[row]}"
         )
+
+
+def _within(found: CameraBoxes, frame: IntArray, area: FloatArray) -> BoolArray:
+    """Which boxes (n,) lie in one of the areas (m, 4) of their frame with more than half of their
+    own area in the picture, as KITTI's scorer has it."""
+    left, top, right, bottom = found.image.T
+    size = np.maximum((right - left) * (bottom - top), 1e-9)
+    inside = np.zeros(len(size), dtype=np.bool_)
+    for k, (x1, y1, x2, y2) in zip(frame, area, strict=True):
+        here = slice(*np.searchsorted(found.frame, [k, k + 1]))
+        width = np.minimum(right[here], x2) - np.maximum(left[here], x1)
+        height = np.minimum(bottom[here], y2) - np.maximum(top[here], y1)
+        common = np.maximum(width, 0.0) * np.maximum(height, 0.0)
+        inside[here] |= common > 0.5 * size[here]
+    return inside
 
 
 def _sources(frame: IntArray, place: FloatArray, trace: Trace) -> IntArray:

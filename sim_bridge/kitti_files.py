@@ -46,7 +46,8 @@ class CameraBoxes:
 
     line: row in the file, from 1; frame; name: KITTI's type; bottom (n, 3): x, y, z of the middle
     of the bottom face [m]; length, width, height [m]; ry: rotation about the camera's y axis [rad],
-    0 where the length points along x; truncated: 0 within the picture, 1 partly, 2 largely beyond
+    0 where the length points along x; image (n, 4): left, top, right, bottom in the picture [px];
+    truncated: 0 within the picture, 1 partly, 2 largely beyond
     its edge; occluded: 0 in full view, 1 partly, 2 largely hidden, 3 unknown; both -1 in
     detections; last: track id of a label, raw score of a detection.
     """
@@ -59,6 +60,7 @@ class CameraBoxes:
     width: FloatArray
     height: FloatArray
     ry: FloatArray
+    image: FloatArray
     truncated: IntArray
     occluded: IntArray
     last: FloatArray
@@ -85,6 +87,15 @@ def read_labels(path: Path, n_frames: int) -> CameraBoxes:
     repeated[first] = False
     objects.refuse(repeated, "track_id", "at most once in a frame")
     return objects.boxes("track_id")
+
+
+def read_unlabelled(path: Path, n_frames: int) -> tuple[IntArray, FloatArray]:
+    """Frames (n,) and places (n, 4) in the picture, left, top, right, bottom [px], of the areas in
+    which nothing is labelled whatever is there (`DontCare`)."""
+    table = _Table.read(path, _LABEL, words=("type",))
+    table.sorted_frames(n_frames)
+    areas = np.array([name == "DontCare" for name in table.words["type"]], dtype=np.bool_)
+    return table.column("frame")[areas].astype(np.int64), table.image()[areas]
 
 
 def read_detections(path: Path, n_frames: int) -> CameraBoxes:
@@ -201,6 +212,10 @@ class _Table:
         words = {"type": [name for name in types if name in OBJECTS]}
         return _Table(self.path, self.names, self.line[kept], words, self.numbers[kept])
 
+    def image(self) -> FloatArray:
+        """Left, top, right, bottom (n, 4) in the picture [px]."""
+        return np.column_stack([self.column(name) for name in ("x1", "y1", "x2", "y2")])
+
     def boxes(self, last: str) -> CameraBoxes:
         for name in "hwl":
             self.refuse(self.column(name) <= 0.0, name, "a size above 0 m")
@@ -213,6 +228,7 @@ class _Table:
             width=self.column("w"),
             height=self.column("h"),
             ry=self.column("ry"),
+            image=self.image(),
             truncated=self.whole("truncated", -1, 2),
             occluded=self.whole("occluded", -1, 3),
             last=self.column(last),

@@ -29,10 +29,16 @@ def sequences_of(root: Path, split: str) -> tuple[str, ...]:
 
 
 def recorded(root: Path, detections: Path, sequences: Sequence[str]) -> Sightings:
-    """What the recorded detections in a folder made of the sequences."""
+    """What the recorded detections in a folder made of the sequences.
+
+    Boxes where nothing is labelled are left out: nobody knows whether they are false.
+    """
     parts = []
     for name in sequences:
-        trace, found = kitti_trace(root, name), kitti_detections(root, detections, name)
+        trace, found = (
+            kitti_trace(root, name),
+            kitti_detections(root, detections, name, unlabelled=False),
+        )
         parts.append(sightings(name, trace, found, *_levels(root, name, trace)))
     return Sightings.joined(parts)
 

@@ -166,7 +166,7 @@ def test_no_density_no_frames_no_boxes(kind: Kind) -> None:
 
 # --- ghosts ---------------------------------------------------------------------------------
 
-GHOST_FRAMES = 40_000
+GHOST_FRAMES = 120_000
 APART = 60  # frames after which a ghost has gone on: exp(-6 s / life) is about 0.001
 
 

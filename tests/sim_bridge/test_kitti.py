@@ -384,3 +384,31 @@ def test_recordings_take_the_place_of_simulations(tmp_path: Path) -> None:
     assert other.provenance["identity"] != trace.provenance["identity"]
     assert sim_bridge.detect(trace, seed=1) == sim_bridge.detect(same, seed=1)
     assert Tracker(MotionDynamics(order=3)).run(found).n_frames == 2
+
+
+@pytest.mark.parametrize(
+    ("area", "kept"),
+    [
+        ((0, 0, 9, 9), False),
+        ((4, 0, 20, 9), False),  # five ninths of the box
+        ((5, 0, 20, 9), True),  # four ninths
+        ((9, 0, 20, 9), True),  # touching
+        ((20, 20, 30, 30), True),
+    ],
+)
+def test_boxes_where_nothing_is_labelled_can_be_left_out(
+    tmp_path: Path, area: tuple[float, ...], kept: bool
+) -> None:
+    """A box of no label goes if more than half of it in the picture (0, 0 to 9, 9) is in a DontCare
+    area of its frame; one with a label stays, as does every box if not asked to go."""
+    dont_care = f"0 -1 DontCare -1 -1 -10 {numbers(area)} -1 -1 -1 -1000 -1000 -1000 -10"
+    lines = [label(0, 0, (0, 1.65, 12), 0.1), dont_care, label(1, 0, (0, 1.65, 12), 0.1)]
+    found = [
+        detection(0, (0, 1.65, 12), 0.1, 3.0),
+        detection(0, (9, 1.65, 30), 0.1, 2.0),
+        detection(1, (9, 1.65, 30), 0.1, 1.0),
+    ]
+    folder = written(tmp_path, files(lines, found))
+    assert len(kitti_detections(folder, "mine", "0003")) == 3
+    known = kitti_detections(folder, "mine", "0003", unlabelled=False)
+    assert sorted(known.score) == ([1.0, 2.0, 3.0] if kept else [1.0, 3.0])
