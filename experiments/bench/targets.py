@@ -102,11 +102,11 @@ def _sight(results: Results) -> Iterator[Target]:
 
 def _flow(results: Results) -> Iterator[Target]:
     cases = results.cases(simulation.WHAT, simulation.TIER, simulation.VEHICLES)
-    for name in FLOW.keys() & cases.keys():
-        text = f"{name} of a minute of {simulation.VEHICLES} vehicles [CPU s]"
-        yield Target(
-            text, simulation.TIER, FLOW[name], False, *summary(results.samples[cases[name]])
-        )
+    for name, bound in FLOW.items():
+        if name in cases:
+            text = f"{name} of a minute of {simulation.VEHICLES} vehicles [CPU s]"
+            measured = summary(results.samples[cases[name]])
+            yield Target(text, simulation.TIER, bound, False, *measured)
 
 
 def _start(results: Results) -> Iterator[Target]:
