@@ -17,7 +17,9 @@ SECOND = 10  # frames
 LIDAR_RANGE = 72.0  # m
 HIDDEN, SEEN = 0.2, 0.5  # visible fractions
 STREETS = (150.0, 300.0, 450.0, 600.0)  # m; where the streets of city_grid run, both ways
-VAN, BUS, TRUCK, BICYCLE = (KINDS.index(kind) for kind in ("van", "bus", "truck", "bicycle"))
+VAN, BUS, TRUCK, BICYCLE, PEDESTRIAN = (
+    KINDS.index(kind) for kind in ("van", "bus", "truck", "bicycle", "pedestrian")
+)
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -83,9 +85,10 @@ def test_bus_stop_hides_cyclists_behind_buses(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_mixed_traffic_hides_cyclists_behind_trucks_and_buses(seed: int) -> None:
+def test_mixed_traffic_hides_cyclists_and_pedestrians_behind_trucks_and_buses(seed: int) -> None:
     """In mixed_traffic trucks and buses hide five or more cyclists for a second or more each; one
-    or more of these had been in view for a second before, and come into view again."""
+    or more of these had been in view for a second before, and come into view again. They hide two
+    or more pedestrians for a second or more each."""
     trace = simulate(scenarios.load("mixed_traffic"), seed)
     rest, bare = without(trace, np.isin(trace.kind, (TRUCK, BUS)))
     cyclists = np.unique(rest.object_id[rest.kind == BICYCLE])
@@ -94,6 +97,8 @@ def test_mixed_traffic_hides_cyclists_behind_trucks_and_buses(seed: int) -> None
     spells = hidden_spells(rest, bare, cyclists)
     assert len(np.unique(spells[:, 0])) >= 5
     assert spells[:, 3].any()
+    pedestrians = np.unique(rest.object_id[rest.kind == PEDESTRIAN])
+    assert len(np.unique(hidden_spells(rest, bare, pedestrians)[:, 0])) >= 2
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
