@@ -113,7 +113,7 @@ def _events(real: Sightings, simulated: Sightings) -> Iterator[Row]:
 
     key = ["sequence", "object_id", "frame"]
     for what, column, events in (
-        ("miss after a miss", "hit", pl.col("hit") == 0),
+        ("miss after miss", "hit", pl.col("hit") == 0),
         ("backwards", "flip", pl.lit(False)),
         ("backwards again", "flip", pl.col("flip") == 1),
     ):
@@ -136,7 +136,7 @@ def _clutter(real: Sightings, simulated: Sightings) -> Iterator[Row]:
     frames = np.array(list(real.frames.values()))
     drawn = stream("resampled-sequences").integers(0, len(frames), (RESAMPLES, len(frames)))
     interval = _interval(boxes[drawn].sum(axis=1) / frames[drawn].sum(axis=1))
-    yield _judged("false boxes a frame", "all", per_frame[0], interval, per_frame[1], PART, True)
+    yield _judged("false boxes", "all", per_frame[0], interval, per_frame[1], PART, True)
     again = [float(recurrence(seen.clutter, [1])[0]) for seen in (real, simulated)]
     none = (float("nan"), float("nan"))
     yield _judged("there again", "all", again[0], none, again[1], None, False)

@@ -14,7 +14,7 @@ from sim_bridge import Profile
 def comparison_table(title: str, rows: Sequence[Row]) -> Table:
     """One row per comparison; what is farther off than allowed says so."""
     judged = [row for row in rows if row.within is not None]
-    within, near = (sum(verdict(row) == word for row in judged) for word in ("yes", "interval"))
+    within, near = (sum(verdict(row) == word for row in judged) for word in ("yes", "in CI"))
     table = Table(
         title=f"{title}: {within} of {len(judged)} within the limits (recall"
         f" ±{100 * POINTS:g} points, errors and false boxes ±{100 * PART:g} %), {near} more within"
@@ -22,10 +22,13 @@ def comparison_table(title: str, rows: Sequence[Row]) -> Table:
         title_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
+        caption="Errors are medians, false boxes counted per frame; 'there again': with another"
+        " within a metre in the next frame.",
+        caption_justify="left",
     )
     table.add_column("", no_wrap=True)
     table.add_column("of", no_wrap=True)
-    for heading in ("recorded", "95 % interval", "simulated", "within"):
+    for heading in ("recorded", "95 % CI", "simulated", "within"):
         table.add_column(heading, justify="right", no_wrap=True)
     before = None
     for row in rows:
@@ -39,12 +42,12 @@ def comparison_table(title: str, rows: Sequence[Row]) -> Table:
 
 
 def verdict(row: Row) -> str:
-    """yes: within the limit; interval: not, but the recorded value is not known more closely."""
+    """yes: within the limit; in CI: not, but the recorded value is not known more closely."""
     if row.within is None:
         return "–"
     if row.within:
         return "yes"
-    return "interval" if row.low <= row.simulated <= row.high else "no"
+    return "in CI" if row.low <= row.simulated <= row.high else "no"
 
 
 def distance_line(distances: dict[str, float]) -> str:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.detectors.compare import compare, distances
+from experiments.detectors.compare import Row, compare, distances
 from experiments.detectors.dependence import fit_law
 from experiments.detectors.fit import fit_profile
 from experiments.detectors.sightings import ERRORS, Sightings, sightings
+from experiments.detectors.tables import comparison_table, verdict
 from mdkf.tables import FloatArray
 from sim_bridge import Profile, detect, load_profile
 from sim_bridge.clutter import nearness
@@ -137,3 +138,19 @@ def test_too_little_to_fit_is_refused() -> None:
     few = Sightings(seen.cars.head(500), seen.clutter, seen.frames, seen.dt)
     with pytest.raises(ValueError, match=r"mine: \d+ detected cars .* at least 1000"):
         fit_profile("mine", few, "made")
+
+
+def test_the_table_tells_limits_from_chance() -> None:
+    """yes within the limit, in CI beyond it but no farther than the recorded value is known, no
+    otherwise, a dash where nothing is asked; the title counts them."""
+    common = {"what": "recall", "of": "all", "real": 0.9, "low": 0.8, "high": 0.96}
+    rows = [
+        Row(**common, simulated=0.92, limit=0.03, within=True),
+        Row(**common, simulated=0.84, limit=0.03, within=False),
+        Row(**common, simulated=0.7, limit=0.03, within=False),
+        Row(**common, simulated=0.7, limit=None, within=None),
+    ]
+    assert [verdict(row) for row in rows] == ["yes", "in CI", "no", "–"]
+    title = str(comparison_table("mine", rows).title)
+    assert "1 of 3 within the limits" in title
+    assert "1 more within the 95 % interval" in title
