@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mdkf.tables import CodeArray, FloatArray
+from mdkf.tables import FloatArray
 
 Words = NDArray[np.uint64]
 
@@ -70,12 +70,12 @@ HDL_64E = Lidar()
 
 
 @lru_cache(maxsize=16)
-def fan(lidar: Lidar) -> tuple[FloatArray, FloatArray, CodeArray, float, float, Words]:
+def fan(lidar: Lidar) -> tuple[FloatArray, FloatArray, Words, float, float]:
     """What the kernel needs of a LiDAR, the same for every frame.
 
-    rays (rays, 2) cosine and sine of the azimuths; slopes (beams + 1,) of the beams, then inf;
-    cells (n_cells,) how many beams are below each cell of the slopes; scale and shift from a
-    slope to its cell; low_bits (beams + 1,) words whose n lowest bits are set.
+    rays (rays, 2) cosine and sine of the azimuths; for each cell of the slopes, (n_cells,): below,
+    a word with a bit for each beam below the cell, from the lowest bit on, and within, the slope of
+    the next beam, in the cell or above it, inf for none; scale and shift from a slope to its cell.
     """
     azimuths = lidar.azimuths()
     rays = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
@@ -86,11 +86,11 @@ def fan(lidar: Lidar) -> tuple[FloatArray, FloatArray, CodeArray, float, float, 
     begins = slopes[0] + width * (np.arange(int((slopes[-1] - slopes[0]) / width) + 5) - 2.0)
     # The margin is for a slope that rounding takes into the next cell: all beams counted there
     # must be below it.
-    cells = np.searchsorted(slopes, begins - 0.01 * width).astype(np.uint8)
-    low_bits = np.array([(1 << n) - 1 for n in range(lidar.beams + 1)], dtype=np.uint64)
+    cells = np.searchsorted(slopes, begins - 0.01 * width)
+    within = np.append(slopes, math.inf)[cells]
+    below = np.array([(1 << n) - 1 for n in cells.tolist()], dtype=np.uint64)
     scale = 1.0 / width
     shift = 2.0 - scale * float(slopes[0])
-    slopes = np.append(slopes, math.inf)
-    for array in (rays, slopes, cells, low_bits):
+    for array in (rays, within, below):
         array.flags.writeable = False
-    return rays, slopes, cells, scale, shift, low_bits
+    return rays, within, below, scale, shift

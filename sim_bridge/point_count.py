@@ -27,7 +27,7 @@ from numba.extending import intrinsic, overload
 from numpy.typing import ArrayLike, NDArray
 
 from mdkf.compiled import inlined, kernel
-from mdkf.tables import BoolArray, CodeArray, FloatArray, IntArray
+from mdkf.tables import BoolArray, FloatArray, IntArray
 from sim_bridge.frames import checked_frames
 from sim_bridge.lidar import HDL_64E, Lidar, Words, fan
 from sim_bridge.line_of_sight import CONTACT, MIN_OFFSET
@@ -35,6 +35,7 @@ from sim_bridge.line_of_sight import CONTACT, MIN_OFFSET
 Boxes = NDArray[np.uint32]
 
 HIGHEST = 1e100  # [m] heights are cut here, far from overflow
+ZERO = np.uint64(0)
 GRACE = 2  # rays from where a box is expected to begin, within which it does
 
 # What a ray needs of a box: A, B of two walls that it enters through, then of three that it leaves
@@ -100,11 +101,10 @@ def _count_frames(
     offsets: IntArray,
     boxes: FloatArray,
     rays: FloatArray,
-    slopes: FloatArray,
-    cells: CodeArray,
+    within: FloatArray,
+    below: Words,
     scale: float,
     shift: float,
-    low_bits: Words,
     nearest: float,
     counts: IntArray,
 ) -> int:
@@ -129,7 +129,7 @@ def _count_frames(
             starting[ray] = i
         _sweep(
             views, across[: last - first], starting, following,
-            rays, slopes, cells, scale, shift, low_bits, nearest, counts[first:last],
+            rays, within, below, scale, shift, nearest, counts[first:last],
         )  # fmt: skip
     return -1
 
@@ -140,11 +140,10 @@ def _count_alone(
     offsets: IntArray,
     boxes: FloatArray,
     rays: FloatArray,
-    slopes: FloatArray,
-    cells: CodeArray,
+    within: FloatArray,
+    below: Words,
     scale: float,
     shift: float,
-    low_bits: Words,
     nearest: float,
     counts: IntArray,
 ) -> int:
@@ -161,7 +160,7 @@ def _count_alone(
                 if enter > leave:
                     if enter >= nearest:
                         interval = _interval(
-                            views, np.uint32(0), enter, leave, slopes, cells, scale, shift, low_bits
+                            views, np.uint32(0), enter, leave, within, below, scale, shift
                         )
                         counts[row] += _ones(interval)
                 elif step >= GRACE:
@@ -229,11 +228,10 @@ def _sweep(
     starting: IntArray,
     following: IntArray,
     rays: FloatArray,
-    slopes: FloatArray,
-    cells: CodeArray,
+    within: FloatArray,
+    below: Words,
     scale: float,
     shift: float,
-    low_bits: Words,
     nearest: float,
     counts: IntArray,
 ) -> None:
@@ -251,12 +249,13 @@ def _sweep(
             n_active += 1
     for ray in range(rays.shape[0]):
         box = starting[ray]
-        starting[ray] = -1
-        while box >= 0:
-            grace[box] = ray + GRACE
-            active[n_active] = box
-            n_active += 1
-            box = following[box]
+        if box >= 0:
+            starting[ray] = -1
+            while box >= 0:
+                grace[box] = ray + GRACE
+                active[n_active] = box
+                n_active += 1
+                box = following[box]
         x, y = rays[ray, 0], rays[ray, 1]
         kept = 0
         for rank in range(n_active):
@@ -270,15 +269,13 @@ def _sweep(
                 _insert(active, depth, kept, i, 0.0)
                 kept += 1
         n_active = kept
-        covered = low_bits[0]
+        covered = ZERO
         for rank in range(n_active):
             enter = depth[rank]
             if enter < nearest:
                 break  # beyond the range, or missed, as are all that follow
             i = active[rank]
-            interval = _interval(
-                views, i, enter, views[i, LEAVE], slopes, cells, scale, shift, low_bits
-            )
+            interval = _interval(views, i, enter, views[i, LEAVE], within, below, scale, shift)
             counts[i] += _ones(interval & ~covered)
             covered |= interval
 
@@ -297,18 +294,17 @@ def _interval(
     i: np.uint32,
     enter: float,
     leave: float,
-    slopes: FloatArray,
-    cells: CodeArray,
+    within: FloatArray,
+    below: Words,
     scale: float,
     shift: float,
-    low_bits: Words,
 ) -> np.uint64:
     """The beams that meet box i on a ray that enters and leaves it at these 1/r."""
     bottom, top = views[i, BOTTOM], views[i, TOP]
     bottom, top = min(bottom * enter, bottom * leave), max(top * enter, top * leave)
-    interval = low_bits[_beams_below(slopes, cells, scale * top + shift, top)]
-    below = low_bits[_beams_below(slopes, cells, scale * bottom + shift, bottom)]
-    return np.uint64(interval & ~below)
+    upper = _beams_below(within, below, scale * top + shift, top)
+    lower = _beams_below(within, below, scale * bottom + shift, bottom)
+    return np.uint64(upper & ~lower)
 
 
 @inlined
@@ -323,10 +319,11 @@ def _insert(active: Boxes, depth: FloatArray, rank: int, box: np.uint32, key: fl
 
 
 @inlined
-def _beams_below(slopes: FloatArray, cells: CodeArray, cell: float, slope: float) -> int:
-    """How many beams are below `slope`: those below its cell, and perhaps the one within."""
-    n = cells[np.uint32(min(max(cell, 0.0), cells.shape[0] - 1.0))]
-    return int(n + (slopes[n] < slope))
+def _beams_below(within: FloatArray, below: Words, cell: float, slope: float) -> np.uint64:
+    """The beams below `slope`: those below its cell, and perhaps the one within, the next bit."""
+    at = np.uint32(min(max(cell, 0.0), below.shape[0] - 1.0))
+    one_more = np.uint64(within[at] < slope)
+    return np.uint64((below[at] << one_more) | one_more)
 
 
 def _ones(word: np.uint64) -> int:
