@@ -97,12 +97,12 @@ def check_detector(
 ) -> None:
     """Compare simulated with recorded detections of the same recorded cars."""
     base = root or kitti_root()
+    profiles = [sim_bridge.load_profile(name) for name in names or _fitted_profiles()]
     sequences = _split(base, split)
     results = {}
-    for name in names or _fitted_profiles():
-        profile = sim_bridge.load_profile(name)
+    for profile in profiles:
         folder = detections or _recorded(base, profile)
-        with busy(f"{name}: simulating {len(sequences)} sequences"):
+        with busy(f"{profile.name}: simulating {len(sequences)} sequences"):
             real, made = _both(base, folder, profile, sequences, seeds)
         results[profile.name] = compare(real, made), distances(real, made)
     if as_json:
