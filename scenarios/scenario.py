@@ -5,6 +5,7 @@ A scenario holds all that decides what happens on the road, except for the seed.
 
 import hashlib
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -131,14 +132,13 @@ class Scenario:
 
 
 @dataclass(frozen=True, slots=True)
-class SumoScenario(Scenario):
+class SumoScenario(Scenario, ABC):
     """Traffic simulated by SUMO.
 
     It runs for `warmup` [s] before the recording; `network` is a SUMO network; `ego` is the vehicle
     whose roof carries the sensor; `kinematics` says whether motion is smoothed or SUMO's own
-    numbers are kept. SUMO knows nothing of the statics and the walkers.
-    Who drives where is a `RoutedScenario`'s
-    template or a `ConfiguredScenario`'s files.
+    numbers are kept. SUMO knows nothing of the statics and the walkers. Who drives where is a
+    `RoutedScenario`'s template or a `ConfiguredScenario`'s files.
     """
 
     warmup: float
@@ -156,9 +156,9 @@ class SumoScenario(Scenario):
         """Options of SUMO's that the bridge leaves to the scenario."""
         return {}
 
+    @abstractmethod
     def route_files(self) -> tuple[tuple[Path, str], ...]:
         """Route files in their order, each with the contents that SUMO is to read."""
-        raise NotImplementedError
 
     def additional_files(self) -> tuple[tuple[Path, str], ...]:
         """Additional files in their order, each with its contents."""

@@ -11,25 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, ndtr
+from scipy.special import ndtr
 
 from mdkf.tables import WALL, Detections, FloatArray, IntArray, Trace
 from sim_bridge.clutter import SMALLEST, flashes, ghosts
+from sim_bridge.frames import BOX, frames_of
+from sim_bridge.laws import detection_probability, error_scale, flip_probability, mean_score
 from sim_bridge.line_of_sight import visible_sides
 from sim_bridge.noise import correlated, drifting, heavy_tailed
 from sim_bridge.point_count import lone_point_counts
-from sim_bridge.profile import Correlation, Error, Profile, Score, load_profile
+from sim_bridge.profile import Correlation, Error, Profile, load_profile
 from sim_bridge.randomness import stream
 from sim_bridge.recorded import is_recorded, recorded_detections
 
 BATCH = 100_000
 """Rows that are worked on at a time: their noise is many times as large as what becomes of it."""
 
-NEAREST = 3.0
-"""Distance below which errors grow no more [m]."""
-
 _SIZE = ("length", "width", "height")
-_BOX = ("x", "y", "z", "yaw", *_SIZE)
 
 
 def detect(trace: Trace, detector: str | Path | Profile = "pointrcnn", seed: int = 0) -> Detections:
@@ -78,9 +76,7 @@ class _Scene:
 
     @staticmethod
     def of(trace: Trace, profile: Profile) -> "_Scene":
-        ego, distance = trace.ego, trace.sensor_distance()
-        boxes = np.column_stack([getattr(trace, name) for name in _BOX])
-        seen = np.column_stack([ego.x, ego.y, ego.z]), trace.frame_start, boxes
+        distance, seen = trace.sensor_distance(), frames_of(trace)
         side = visible_sides(*seen) if profile.side_share else np.zeros(len(trace))
         return _Scene(trace, distance, lone_point_counts(*seen) * trace.visible, side * distance)
 
@@ -129,14 +125,19 @@ def _detect_objects(
     ids = trace.object_id[rows[np.cumsum(counts) - counts]]
     streams = [stream("detect", *key, int(identifier)) for identifier in ids]
     noise = dict(zip(laws, correlated(streams, counts, list(laws.values()), trace.dt), strict=True))
-    true = {name: getattr(trace, name)[rows] for name in _BOX}
+    true = {name: getattr(trace, name)[rows] for name in BOX}
     frame, visible = trace.frame[rows], trace.visible[rows]
     dx, dy = true["x"] - trace.ego.x[frame], true["y"] - trace.ego.y[frame]
     distance = scene.distance[rows]
-    off = {name: _error(law, noise[name], distance, visible) for name, law in errors.items()}
+    off = {
+        name: law.bias_per_range * distance
+        + error_scale(law, distance, visible) * heavy_tailed(noise[name], law.tail)
+        for name, law in errors.items()
+    }
     off["lateral"] += profile.side_share * scene.side[rows]
-    flipped = ndtr(noise["flip"]) < flip_probability(profile, distance, visible)
+    flipped = ndtr(noise["flip"]) < flip_probability(profile.flip, distance, visible)
     yaw = true["yaw"] + off["yaw"] + np.pi * flipped
+    lowest, raw = profile.score.lowest, mean_score(profile.score, distance, visible)
     cosine, sine = dx / distance, dy / distance
     columns = {
         "frame": frame,
@@ -145,53 +146,12 @@ def _detect_objects(
         "z": true["z"] + off["vertical"],
         "yaw": np.arctan2(np.sin(yaw), np.cos(yaw)),
         **{name: np.maximum(true[name] + off[name], SMALLEST) for name in _SIZE},
-        "score": _score(profile.score, noise["score"], distance, visible),
+        "score": lowest + np.abs(raw + profile.score.noise * noise["score"] - lowest),
         "source": trace.object_id[rows],
     }
-    probability = detection_probability(profile, distance, visible, scene.points[rows])
-    seen = ndtr(noise["luck"]) < probability
+    chance = detection_probability(profile.detection, distance, visible, scene.points[rows])
+    seen = (distance <= profile.max_range) & (ndtr(noise["luck"]) < chance)
     return {name: values[seen] for name, values in columns.items()}
-
-
-def detection_probability(
-    profile: Profile, distance: FloatArray, visible: FloatArray, points: FloatArray
-) -> FloatArray:
-    """Probability of detection (n,) by distance [m], visible fraction and LiDAR returns, (n,)."""
-    law = profile.detection
-    reach = law.range - law.range_hidden * (1.0 - visible)
-    # Without half_points any return is enough.
-    enough = 1.0 - np.exp2(-points / law.half_points) if law.half_points else points > 0.0
-    probability = expit((reach - distance) / law.range_width) * enough
-    return np.where(distance <= profile.max_range, probability, 0.0)
-
-
-def flip_probability(profile: Profile, distance: FloatArray, visible: FloatArray) -> FloatArray:
-    """Probability (n,) that a box looks backwards, by distance (n,) [m] and visible fraction."""
-    law = profile.flip
-    probability: FloatArray = expit(
-        law.constant + law.per_range * distance + law.hidden * (1.0 - visible)
-    )
-    return probability
-
-
-def error_scale(law: Error, distance: FloatArray, visible: FloatArray) -> FloatArray:
-    """Scale (n,) of an error's distribution by distance (n,) [m] and visible fraction (n,)."""
-    near = law.near / np.maximum(distance, NEAREST)
-    by_range = law.constant + near + law.per_range_squared * distance**2
-    scale: FloatArray = by_range * (1.0 + law.hidden * (1.0 - visible) ** 2)
-    return scale
-
-
-def _error(law: Error, noise: FloatArray, distance: FloatArray, visible: FloatArray) -> FloatArray:
-    scale = error_scale(law, distance, visible)
-    return law.bias_per_range * distance + scale * heavy_tailed(noise, law.tail)
-
-
-def _score(law: Score, noise: FloatArray, distance: FloatArray, visible: FloatArray) -> FloatArray:
-    by_range = np.minimum(law.ceiling, law.constant - law.per_range * distance)
-    hidden = law.hidden * (1.0 - visible) * np.minimum(1.0, distance / law.hidden_range)
-    score: FloatArray = law.lowest + np.abs(by_range - hidden + law.noise * noise - law.lowest)
-    return score
 
 
 def _misplaced(

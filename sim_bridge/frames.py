@@ -1,12 +1,19 @@
-"""Checks of what a sensor model is given: a sensor and boxes, frame by frame."""
+"""What a sensor model is given: a sensor and boxes, frame by frame."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mdkf.tables import FloatArray, IntArray
+from mdkf.tables import FloatArray, IntArray, Trace
 
-BOX_COLUMNS = 7
-"""x, y, z of the centre [m], yaw [rad], length, width, height [m]."""
+BOX = ("x", "y", "z", "yaw", "length", "width", "height")
+"""Columns of a box: its centre [m], yaw [rad] and size [m]."""
+
+
+def frames_of(trace: Trace) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Sensor (n_frames, 3), offsets (n_frames + 1,) and boxes (rows, 7) of a trace."""
+    ego = trace.ego
+    boxes = np.column_stack([getattr(trace, name) for name in BOX])
+    return np.column_stack([ego.x, ego.y, ego.z]), trace.frame_start, boxes
 
 
 def checked_frames(
@@ -43,9 +50,9 @@ def checked_boxes(boxes: ArrayLike) -> FloatArray:
     """Boxes (n, 7) as a contiguous table; `ValueError` names the row that is no box."""
     table = np.ascontiguousarray(boxes, dtype=np.float64)
     if table.size == 0 and table.ndim <= 2:
-        table = table.reshape(0, BOX_COLUMNS)
-    if table.ndim != 2 or table.shape[1] != BOX_COLUMNS:
-        raise ValueError(f"boxes: expected shape (n, {BOX_COLUMNS}), got {table.shape}")
+        table = table.reshape(0, len(BOX))
+    if table.ndim != 2 or table.shape[1] != len(BOX):
+        raise ValueError(f"boxes: expected shape (n, {len(BOX)}), got {table.shape}")
     for wrong, what in (
         (~np.isfinite(table).all(axis=1), "a value that is not finite"),
         ((table[:, 4:] <= 0.0).any(axis=1), "a length, width or height that is not positive"),

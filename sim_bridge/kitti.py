@@ -11,7 +11,7 @@ z = 0 as in every simulated trace. Boxes stand upright: how the road tilts them 
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from mdkf.tables import (
     Trace,
 )
 from scenarios.kitti import FRAME_TIME, SENSOR_HEIGHT
+from sim_bridge.frames import frames_of
 from sim_bridge.kitti_files import (
     CameraBoxes,
     KittiError,
@@ -98,17 +99,16 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trac
         "turning": np.zeros(n),
     }
     _refuse_sensor_inside(path, labels, columns, ego)
-    common: dict[str, Any] = {"n_frames": n_frames, "dt": dt, "ego": ego, "provenance": provenance}
-    hidden = Trace.from_columns({**columns, "visible": np.zeros(n)}, **common)
-    boxes = ("x", "y", "z", "yaw", "length", "width", "height")
-    visible = visible_fractions(
-        np.column_stack([ego.x, ego.y, ego.z]),
-        hidden.frame_start,
-        np.column_stack([getattr(hidden, name) for name in boxes]),
+    trace = Trace.from_columns(
+        {**columns, "visible": np.zeros(n)},
+        n_frames=n_frames,
+        dt=dt,
+        ego=ego,
+        provenance=provenance,
     )
     order = np.lexsort((labels.last, labels.frame))
-    visible = np.clip(visible, *np.array(VISIBLE)[labels.occluded[order]].T)
-    return Trace.from_columns({**hidden.columns(), "visible": visible}, **common)
+    bounds = np.array(VISIBLE)[labels.occluded[order]].T
+    return replace(trace, visible=np.clip(visible_fractions(*frames_of(trace)), *bounds))
 
 
 def kitti_detections(

@@ -23,6 +23,7 @@ from scenarios import (
 from sim_bridge import highway, sumo
 from sim_bridge.bodies import MOTION, STATIC, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
+from sim_bridge.frames import frames_of
 from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
@@ -43,8 +44,6 @@ Simulated = SumoScenario | HighwayScenario
 
 MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
-
-_BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 
 def check_inputs(scenario: Scenario) -> None:
@@ -223,10 +222,7 @@ def _columns(bodies: list[Body], stride: int) -> dict[str, NDArray[Any]]:
 
 def _with_sight(trace: Trace) -> Trace:
     """The trace with its exact visible fractions."""
-    ego = trace.ego
-    sensor = np.column_stack([ego.x, ego.y, ego.z])
-    boxes = np.column_stack([getattr(trace, name) for name in _BOX])
-    return replace(trace, visible=visible_fractions(sensor, trace.frame_start, boxes))
+    return replace(trace, visible=visible_fractions(*frames_of(trace)))
 
 
 def _ground_boxes(

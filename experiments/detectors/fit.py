@@ -6,15 +6,21 @@ from typing import Any
 import numpy as np
 import polars as pl
 from scipy.optimize import least_squares, minimize, minimize_scalar
-from scipy.special import expit, gammaln, ndtri
+from scipy.special import gammaln, ndtri
 from scipy.stats import kstest, t
 
 from experiments.detectors import dependence
 from experiments.detectors.false_boxes import fit_clutter
 from experiments.detectors.sightings import ERRORS, Sightings
 from mdkf.tables import FloatArray
-from sim_bridge.detect import detection_probability, error_scale, flip_probability
-from sim_bridge.profile import Error, Profile
+from sim_bridge.laws import (
+    detection_probability,
+    error_scale,
+    flip_odds,
+    flip_probability,
+    mean_score,
+)
+from sim_bridge.profile import Detection, Error, Flip, Profile, Score
 
 MAX_TAIL = 100.0
 """Degrees of freedom beyond which Student's distribution is as good as normal."""
@@ -59,13 +65,10 @@ def fit_profile(name: str, seen: Sightings, detections: str) -> Profile:
         "clutter": fit_clutter(seen, max_range, score["lowest"]),
     }
     # How flips and misses hang together needs their probabilities.
-    white = {"drift_share": 0.0, "drift_time": 1.0, "fixed_share": 0.0}
-    draft = Profile.model_validate(
-        document | {"detection": document["detection"] | white, "flip": document["flip"] | white}
-    )
-    distance, visible = _columns(cars, "distance", "visible")
-    detected = detection_probability(draft, distance, visible, *_columns(cars, "points"))
-    flipped = flip_probability(draft, distance, visible)
+    distance, visible, points = _columns(cars, "distance", "visible", "points")
+    luck = Detection.model_construct(**document["detection"])
+    detected = detection_probability(luck, distance, visible, points) * (distance <= max_range)
+    flipped = flip_probability(Flip.model_construct(**document["flip"]), distance, visible)
     hit = cars["hit"].cast(pl.Float64).to_numpy()
     document["detection"] |= dependence.of_events(cars, hit, detected, seen.dt)
     document["flip"] |= dependence.of_events(cars, cars["flip"].to_numpy(), flipped, seen.dt)
@@ -107,10 +110,8 @@ def _detection(cars: pl.DataFrame) -> dict[str, float]:
         return dict(zip(names, np.exp(p).tolist(), strict=True))
 
     def loss(p: FloatArray) -> float:
-        of = law(p)
-        reach = of["range"] - of["range_hidden"] * (1.0 - visible)
-        chance = expit((reach - distance) / of["range_width"])
-        chance *= 1.0 - np.exp2(-points / of["half_points"])
+        own = Detection.model_construct(**law(p))  # type: ignore[arg-type]
+        chance = detection_probability(own, distance, visible, points)
         chance = np.clip(chance, 1e-9, 1.0 - 1e-9)
         return -float(np.mean(np.log(np.where(hit, chance, 1.0 - chance))))
 
@@ -176,12 +177,14 @@ def _flip(cars: pl.DataFrame) -> dict[str, float]:
     hits = cars.filter(pl.col("hit"))
     distance, visible, flip = _columns(hits, "distance", "visible", "flip")
 
+    def law(p: FloatArray) -> dict[str, float]:
+        return {"constant": float(p[0]), "per_range": float(p[1]) / 10.0, "hidden": float(p[2])}
+
     def loss(p: FloatArray) -> float:
-        odds = p[0] + p[1] * distance / 10.0 + p[2] * (1.0 - visible)
+        odds = flip_odds(Flip.model_construct(**law(p)), distance, visible)  # type: ignore[arg-type]
         return float(np.mean(np.logaddexp(0.0, odds) - flip * odds))
 
-    p = _likeliest(loss, [-5.0, 0.3, 1.0])
-    return {"constant": float(p[0]), "per_range": float(p[1]) / 10.0, "hidden": float(p[2])}
+    return law(_likeliest(loss, [-5.0, 0.3, 1.0]))
 
 
 def _score(cars: pl.DataFrame, seen: Sightings) -> tuple[dict[str, float], float]:
@@ -191,28 +194,26 @@ def _score(cars: pl.DataFrame, seen: Sightings) -> tuple[dict[str, float], float
     lowest = float(min(score[there].min(), seen.clutter["score"].to_numpy().min()))
     spread = float(score[there].max()) - lowest
 
-    def mean(p: FloatArray, r: FloatArray, v: FloatArray) -> FloatArray:
-        ceiling, constant, per_range, hidden, hidden_range = p
-        by_range = np.minimum(ceiling, constant - per_range * r)
-        lower = hidden * (1.0 - v) * np.minimum(1.0, r / hidden_range)
-        value: FloatArray = by_range - lower
-        return value
+    names = ("ceiling", "constant", "per_range", "hidden", "hidden_range")
 
-    def off_by(p: FloatArray) -> FloatArray:
-        return mean(p, distance[there], visible[there]) - score[there]
+    def off(p: FloatArray) -> FloatArray:
+        own = Score.model_construct(**dict(zip(names, p.tolist(), strict=True)))
+        return score - mean_score(own, distance, visible)
+
+    def off_there(p: FloatArray) -> FloatArray:
+        return off(p)[there]
 
     found = least_squares(
-        off_by,
+        off_there,
         [lowest + 0.8 * spread, lowest + spread, spread / 80.0, spread / 3.0, 25.0],
         bounds=([-np.inf, -np.inf, 0.0, 0.0, 1.0], [np.inf, np.inf, np.inf, np.inf, 70.0]),
         x_scale=[spread, spread, spread / 80.0, spread, 25.0],
     ).x
-    off = score - mean(found, distance, visible)
-    deviation = float(np.nanstd(off))
-    names = ("ceiling", "constant", "per_range", "hidden", "hidden_range")
+    left = off(found)
+    deviation = float(np.nanstd(left))
     law = {"lowest": lowest, **dict(zip(names, found.tolist(), strict=True)), "noise": deviation}
-    fit = float(kstest(off[there] / deviation, "norm").statistic)
-    return law | dependence.of_noise(cars, off, seen.dt), fit
+    fit = float(kstest(left[there] / deviation, "norm").statistic)
+    return law | dependence.of_noise(cars, left, seen.dt), fit
 
 
 def rounded(value: Any) -> Any:

@@ -10,14 +10,13 @@ import numpy as np
 import polars as pl
 
 from mdkf.tables import CLUTTER, BoolArray, Detections, FloatArray, IntArray, Trace
+from sim_bridge.frames import BOX, frames_of
 from sim_bridge.kitti import VIEW
 from sim_bridge.line_of_sight import visible_sides
 from sim_bridge.point_count import lone_point_counts
 
 ERRORS = ("radial", "lateral", "vertical", "yaw", "length", "width", "height")
 """In metres, the yaw's in radians: detected less labelled, a box that looks backwards turned."""
-
-_BOX = ("x", "y", "z", "yaw", "length", "width", "height")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +100,10 @@ def _found(trace: Trace, detections: Detections) -> IntArray:
 
 
 def _seen_by_sensor(trace: Trace) -> dict[str, FloatArray]:
-    ego = trace.ego
-    boxes = np.column_stack([getattr(trace, name) for name in _BOX])
-    scene = np.column_stack([ego.x, ego.y, ego.z]), trace.frame_start, boxes
+    seen = frames_of(trace)
     return {
-        "points": lone_point_counts(*scene) * trace.visible,
-        "side": visible_sides(*scene) * trace.sensor_distance(),
+        "points": lone_point_counts(*seen) * trace.visible,
+        "side": visible_sides(*seen) * trace.sensor_distance(),
     }
 
 
@@ -114,7 +111,7 @@ def _errors(trace: Trace, detections: Detections, at: IntArray) -> dict[str, Flo
     """Errors, flip and score (rows,) of the detections `at` (rows,)."""
     if not len(detections):
         return {name: np.full(len(trace), np.nan) for name in (*ERRORS, "flip", "score")}
-    off = {name: getattr(detections, name)[at] - getattr(trace, name) for name in _BOX}
+    off = {name: getattr(detections, name)[at] - getattr(trace, name) for name in BOX}
     dx, dy = trace.x - trace.ego.x[trace.frame], trace.y - trace.ego.y[trace.frame]
     distance = np.hypot(dx, dy)
     turned = np.angle(np.exp(1j * off["yaw"]))

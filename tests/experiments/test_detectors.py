@@ -14,7 +14,7 @@ from experiments.detectors.tables import comparison_table, verdict
 from mdkf.tables import FloatArray
 from sim_bridge import Profile, detect, load_profile
 from sim_bridge.clutter import nearness
-from sim_bridge.detect import detection_probability, error_scale, flip_probability
+from sim_bridge.laws import detection_probability, error_scale, flip_probability
 from tests.sim_bridge.worlds import convoy
 
 CARS, FRAMES, WORLDS = 800, 50, 3
@@ -61,7 +61,8 @@ def test_the_chance_of_detection_is_found() -> None:
     given, found = refitted()
     r, v = grid()
     points = np.full(len(r), 50.0)
-    apart = detection_probability(found, r, v, points) - detection_probability(given, r, v, points)
+    a, b = (detection_probability(of.detection, r, v, points) for of in (given, found))
+    apart = b - a
     assert np.abs(apart[r < found.max_range]).max() < 0.05
 
 
@@ -92,7 +93,7 @@ def test_flips_scores_and_clutter_are_found() -> None:
     life and jitter of ghosts to 12 %."""
     given, found = refitted()
     r, v = grid()
-    a, b = flip_probability(given, r, v), flip_probability(found, r, v)
+    a, b = flip_probability(given.flip, r, v), flip_probability(found.flip, r, v)
     np.testing.assert_allclose(b, a, atol=0.005 + 0.15 * a.max())
     assert found.score.noise == pytest.approx(given.score.noise, rel=0.05)
     for law in ("flashes", "ghosts"):
