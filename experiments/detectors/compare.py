@@ -56,17 +56,20 @@ def compare(real: Sightings, simulated: Sightings) -> list[Row]:
 
 
 def distances(real: Sightings, simulated: Sightings) -> dict[str, float]:
-    """Kolmogorov and Smirnov's distance of each distribution, real against simulated."""
+    """Kolmogorov and Smirnov's distance of each distribution, real against simulated, that has
+    values on both sides."""
     columns = {
         **{f"{name} error": (real.cars[name], simulated.cars[name]) for name in ERRORS},
         "score of cars": (real.cars["score"], simulated.cars["score"]),
         "score of false boxes": (real.clutter["score"], simulated.clutter["score"]),
         "distance of false boxes": (real.clutter["distance"], simulated.clutter["distance"]),
     }
-    return {
-        name: float(ks_2samp(a.drop_nans().to_numpy(), b.drop_nans().to_numpy()).statistic)
-        for name, (a, b) in columns.items()
-    }
+    found = {}
+    for name, both in columns.items():
+        a, b = (values.drop_nans().to_numpy() for values in both)
+        if len(a) and len(b):
+            found[name] = float(ks_2samp(a, b).statistic)
+    return found
 
 
 def _parts(seen: Sightings) -> Iterator[tuple[str, pl.Expr]]:
@@ -137,6 +140,8 @@ def _clutter(real: Sightings, simulated: Sightings) -> Iterator[Row]:
     drawn = stream("resampled-sequences").integers(0, len(frames), (RESAMPLES, len(frames)))
     interval = _interval(boxes[drawn].sum(axis=1) / frames[drawn].sum(axis=1))
     yield _judged("false boxes", "all", per_frame[0], interval, per_frame[1], PART, True)
+    if min(len(real.clutter), len(simulated.clutter)) == 0:
+        return
     again = [float(recurrence(seen.clutter, [1])[0]) for seen in (real, simulated)]
     none = (float("nan"), float("nan"))
     yield _judged("there again", "all", again[0], none, again[1], None, False)

@@ -52,7 +52,7 @@ def verdict(row: Row) -> str:
 
 def distance_line(distances: dict[str, float]) -> str:
     """The distributions' distances in a line."""
-    listed = ", ".join(f"{name} {value:.3f}" for name, value in distances.items())
+    listed = ", ".join(f"{name} {value:.3f}" for name, value in distances.items()) or "none"
     return f"Kolmogorov-Smirnov distances, recorded against simulated: {listed}\n"
 
 

@@ -3,14 +3,16 @@
 from functools import cache
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy import stats
 
 from experiments.detectors.compare import Row, compare, distances
 from experiments.detectors.dependence import fit_law
 from experiments.detectors.fit import fit_profile
+from experiments.detectors.interpolate import BASE, PRECISION, interpolated
 from experiments.detectors.sightings import ERRORS, Sightings, sightings
-from experiments.detectors.tables import comparison_table, verdict
+from experiments.detectors.tables import comparison_table, distance_line, verdict
 from mdkf.tables import FloatArray
 from sim_bridge import Profile, detect, load_profile
 from sim_bridge.clutter import nearness
@@ -122,6 +124,21 @@ def test_a_detector_is_like_itself_and_unlike_another() -> None:
     assert max(distances(made("pointrcnn"), made("second")).values()) > 0.3
 
 
+def test_a_detector_that_reports_nothing_is_compared_all_the_same() -> None:
+    """It has a recall, of 0, and no false boxes; what it has no values of is left out, not NaN."""
+    seen = made("pointrcnn")
+    cars = seen.cars.with_columns(
+        pl.lit(False).alias("hit"),
+        *(pl.lit(float("nan")).alias(name) for name in (*ERRORS, "flip", "score")),
+    )
+    blind = Sightings(cars, seen.clutter.clear(), seen.frames, seen.dt)
+    rows = compare(blind, seen)
+    assert {row.what for row in rows} == {"recall", "miss after miss", "false boxes"}
+    assert all(row.real == (row.what == "miss after miss") for row in rows)
+    assert distances(blind, seen) == {}
+    assert "none" in distance_line({})
+
+
 def test_a_law_is_found_from_its_own_correlations() -> None:
     """Exactly, where there is no noise; white noise is white."""
     time = np.array([0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
@@ -155,3 +172,10 @@ def test_the_table_tells_limits_from_chance() -> None:
     title = str(comparison_table("mine", rows).title)
     assert "1 of 3 within the limits" in title
     assert "1 more within the 95 % interval" in title
+
+
+@pytest.mark.parametrize("name", sorted(PRECISION.keys() - {BASE}))
+def test_guessed_profiles_are_what_their_rule_gives(name: str) -> None:
+    """The shipped file of each detector without recordings, after any new fit of the base."""
+    assert load_profile(name) == interpolated(name)
+    assert "detections" not in load_profile(name).evidence
