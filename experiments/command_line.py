@@ -34,6 +34,7 @@ from experiments.score import score as score_tracks
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
+from mdkf.settings import FOLDERS
 
 app = typer.Typer(
     add_completion=False,
@@ -291,6 +292,7 @@ def _filters(text: str) -> tuple[str, ...]:
 
 def _settings(name: str) -> str:
     """The name of a tracker's settings: as the user chose, or the detector's own."""
+    name = FOLDERS.get(name, name)
     if name not in DETECTORS:
         known = ", ".join(DETECTORS)
         raise typer.BadParameter(

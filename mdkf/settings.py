@@ -66,3 +66,15 @@ DETECTORS: Mapping[str, TrackerSettings] = MappingProxyType(
     }
 )
 """RobMOT's settings by detector; the last two for Waymo."""
+
+FOLDERS: Mapping[str, str] = MappingProxyType({"pvcnn": "pvrcnn", "second_iou": "second"})
+"""Detectors by the names of RobMOT's folders of detections, where these are not their own."""
+
+
+def tracker_settings(name: str) -> TrackerSettings:
+    """The settings of a detector, or of a folder of RobMOT's; `ValueError` for an unknown name."""
+    name = FOLDERS.get(name, name)
+    if name not in DETECTORS:
+        known = ", ".join(DETECTORS)
+        raise ValueError(f"no tracker settings for {name!r}, expected one of: {known}")
+    return DETECTORS[name]

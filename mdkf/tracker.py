@@ -11,7 +11,7 @@ import numpy as np
 
 from mdkf.association import UNMATCHED, associate, within_gate
 from mdkf.estimator import Estimator, join, take
-from mdkf.settings import DETECTORS, TrackerSettings
+from mdkf.settings import TrackerSettings, tracker_settings
 from mdkf.tables import BoolArray, Detections, FloatArray, IntArray, Tracks
 
 _BOX = ("z", "yaw", "length", "width", "height", "score")
@@ -61,10 +61,7 @@ class Tracker:
         if isinstance(estimator, type) or not isinstance(estimator, Estimator):
             raise TypeError(f"{estimator!r} is no object with the methods of mdkf.Estimator")
         if isinstance(settings, str):
-            if settings not in DETECTORS:
-                known = ", ".join(DETECTORS)
-                raise ValueError(f"no tracker settings for {settings!r}, expected one of: {known}")
-            settings = DETECTORS[settings]
+            settings = tracker_settings(settings)
         self.estimator = estimator
         self.settings = replace(settings, **options)
 

@@ -246,6 +246,7 @@ def test_wrong_settings_are_named() -> None:
     """Unknown detectors and impossible values."""
     with pytest.raises(ValueError, match="'pointrccn', expected one of: virconv"):
         Tracker(Kalman(), "pointrccn")
+    assert Tracker(Kalman(), "pvcnn").settings == DETECTORS["pvrcnn"]
     with pytest.raises(ValueError, match="gate is -1"):
         Tracker(Kalman(), DETECTORS["pointrcnn"], gate=-1)
     with pytest.raises(ValueError, match="position is 'prior'"):
