@@ -106,7 +106,7 @@ def filter_all(
 
 def _compile(dispatched: Any, arguments: Callable[..., Any]) -> None:
     """Compiled code takes the function registered for its batch's type."""
-    options: Any = {"error_model": "numpy", "forceinline": True}
+    options: Any = {"error_model": "numpy", "forceinline": True, "_nrt": False}
     overload(dispatched, jit_options=options, strict=False)(arguments)
 
 

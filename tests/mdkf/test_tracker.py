@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mdkf import DETECTORS, Detections, Kalman, MotionDynamics, Tracker, TrackerSettings, Tracks
-from mdkf.association import UNMATCHED, associate
 from mdkf.estimator import Estimator
 from mdkf.reference import filterpy_kalman
 
@@ -42,32 +41,6 @@ def test_two_objects_keep_their_identities() -> None:
         np.testing.assert_allclose(tracks.y[of], y, atol=1e-9)
         np.testing.assert_allclose(tracks.x[of][20:], 0.5 * np.arange(20, 40), atol=0.02)
         np.testing.assert_allclose(tracks.vx[of][30:], 5.0, atol=0.1)
-
-
-def test_the_nearest_pair_is_matched_first_and_the_gate_is_exclusive() -> None:
-    """Greedy global minimum, not track by track; a distance equal to the gate does not match."""
-    predicted = np.array([[0.0, 0.0], [1.0, 0.0]])
-    assert associate(predicted, np.array([[0.9, 0.0]]), 4.0).tolist() == [UNMATCHED, 0]
-    both = associate(predicted, np.array([[0.9, 0.0], [-2.0, 0.0]]), 4.0)
-    assert both.tolist() == [1, 0]
-    assert associate(predicted[:1], np.array([[2.0, 0.0]]), 2.0).tolist() == [UNMATCHED]
-    assert associate(predicted[:1], np.array([[1.999, 0.0]]), 2.0).tolist() == [0]
-    assert associate(np.empty((0, 2)), predicted, 2.0).shape == (0,)
-
-
-def test_greedy_association_equals_its_definition() -> None:
-    """Random scenes against the definition: take the smallest entry, strike its row and column."""
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        a = rng.uniform(0, 10, (rng.integers(0, 9), 2))
-        b = rng.uniform(0, 10, (rng.integers(0, 9), 2))
-        cost = np.hypot(*(a[:, None] - b[None]).transpose(2, 0, 1))
-        expected = np.full(len(a), UNMATCHED)
-        while cost.size and cost.min() < 3.0:
-            t, d = np.unravel_index(cost.argmin(), cost.shape)
-            expected[t] = d
-            cost[t], cost[:, d] = np.inf, np.inf
-        np.testing.assert_array_equal(associate(a, b, 3.0), expected)
 
 
 def test_validity_confirms_by_hand() -> None:
