@@ -171,7 +171,10 @@ class Interpreted(_Engine):
 
     def run(self, seen: Seen, dt: float) -> list[Report]:
         """The rows of all frames."""
-        return [self._frame(seen, k, dt) for k in range(len(seen.start) - 1)]
+        reports = [self._frame(seen, k, dt) for k in range(len(seen.start) - 1)]
+        # The names of the diagnostics are not known before there is a track.
+        told = [report for report in reports if len(report.frame)]
+        return told or [Report.empty(0, len(self.diagnostics))]
 
     def _frame(self, seen: Seen, k: int, dt: float) -> Report:
         estimator, rules, n = self._estimator, self._rules, int(self._book.totals[0])

@@ -100,6 +100,35 @@ def test_reporting_options_change_only_the_report() -> None:
     np.testing.assert_array_equal(posterior.yaw[posterior.coasted], 0.1 * 14)
 
 
+def test_a_track_looks_where_most_of_its_detections_did() -> None:
+    """A detection that looks backwards does not turn a track, seen or coasting, unless it is told
+    as measured; height and size are those of the last detection while it coasts."""
+    rows = [(k, 0.0, 0.0, 1.0) for k in range(20)]
+    columns = dict(detections(rows, 20).columns())
+    backwards = np.isin(np.arange(20), [5, 11, 19])
+    columns["yaw"] = np.where(backwards, 0.3 - np.pi, 0.3)
+    columns["z"], columns["length"] = 0.01 * np.arange(20), 4.0 + 0.1 * np.arange(20)
+    given = Detections.from_columns(columns, n_frames=25, dt=0.1)
+    tracks = Tracker(Kalman(), SETTINGS).run(given)
+    np.testing.assert_allclose(tracks.yaw, 0.3, atol=1e-15)
+    assert tracks.coasted.sum() == 5
+    assert set(tracks.z[tracks.coasted]) == {given.z[-1]}
+    assert set(tracks.length[tracks.coasted]) == {given.length[-1]}
+    measured = Tracker(Kalman(), SETTINGS, position="measurement").run(given)
+    np.testing.assert_array_equal(measured.yaw[~measured.coasted], given.yaw)
+    np.testing.assert_allclose(measured.yaw[measured.coasted], 0.3, atol=1e-15)
+
+
+def test_most_of_all_is_counted_over_a_tracks_life() -> None:
+    """Two of three look the other way: from the second of them on, that is where it looks; in
+    between, one against one, the last one decides."""
+    columns = dict(detections([(k, 0.0, 0.0, 2.0) for k in range(3)], 3).columns())
+    columns["yaw"] = np.array([3.0, 3.0 - np.pi, 3.1 - np.pi])
+    given = Detections.from_columns(columns, n_frames=3, dt=0.1)
+    tracks = Tracker(Kalman(), SETTINGS).run(given)
+    np.testing.assert_allclose(tracks.yaw, columns["yaw"], atol=1e-15)
+
+
 def test_the_source_of_a_detection_is_never_used() -> None:
     """Other sources, the same tracks."""
     rng = np.random.default_rng(2)
