@@ -104,6 +104,12 @@ def filter_all(
         moments_of_all(batch, position[t], velocity[t], covariance[t])
 
 
+def is_batched(estimator: object) -> bool:
+    """Whether an estimator has kernels: its very class makes batches. A subclass may have changed
+    what they do."""
+    return "batch" in vars(type(estimator))
+
+
 def _compile(dispatched: Any, arguments: Callable[..., Any]) -> None:
     """Compiled code takes the function registered for its batch's type."""
     options: Any = {"error_model": "numpy", "forceinline": True, "_nrt": False}

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from mdkf import report
+from mdkf.batch import is_batched
 from mdkf.engines import Compiled, Interpreted
 from mdkf.estimator import Estimator
 from mdkf.life_cycle import Seen
@@ -66,7 +67,7 @@ class Tracker:
         self._live = None
 
     def _engine(self) -> Compiled | Interpreted:
-        engine = Compiled if hasattr(self.estimator, "batch") else Interpreted
+        engine = Compiled if is_batched(self.estimator) else Interpreted
         return engine(self.estimator, self.settings)
 
     def _tracks(self, engine: Compiled | Interpreted, detections: Detections) -> Tracks:

@@ -27,7 +27,7 @@ class Plan:
     steps: int = 20
     updates: int = 100_000
     passes: int = 50
-    objects: tuple[int, ...] = (10, 50, 200)
+    objects: tuple[int, ...] = (10, 50, 200, 1000)
     frames: int = 100
     scored: int = 1000
     boxes: int = 200

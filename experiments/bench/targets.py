@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from experiments.bench import filters, sensing, simulation, start_up, trackers
+from experiments.bench import filters, recordings, sensing, simulation, start_up, trackers
 from experiments.bench.measure import Summary, summary
 from experiments.bench.results import Results
 
@@ -23,6 +23,10 @@ FLAT = 2.0
 FEWER, MORE = 1000, 10_000
 MD_OVER_CA = 1.3
 OBJECTS = 10
+CROWD, CROWD_FRAMES = 1000, 10.0
+"""Objects, and frames a second at least."""
+RECORDED_FRAMES = 200_000.0
+"""A second at least, of MD on KITTI's val split; RobMOT's C++ does 14 000 to 22 000."""
 WARM_START = 2.0
 """[s]"""
 SIGHT = {sensing.FRACTIONS: 300.0, sensing.RETURNS: 100.0}
@@ -58,7 +62,7 @@ class Target:
 
 def targets(results: Results) -> list[Target]:
     """The targets of what was measured."""
-    known = (_against_filterpy, _flat, _tracker, _sight, _flow, _start)
+    known = (_against_filterpy, _flat, _tracker, _crowd, _recorded, _sight, _flow, _start)
     return [target for part in known for target in part(results)]
 
 
@@ -90,6 +94,21 @@ def _tracker(results: Results) -> Iterator[Target]:
         cost: Summary = results.cost_ratio(cases["md"], cases["ca"])
         text = f"the whole tracker at {OBJECTS} objects, cost of md over ca"
         yield Target(text, trackers.TIER, MD_OVER_CA, False, *cost)
+
+
+def _crowd(results: Results) -> Iterator[Target]:
+    for name, case in results.cases(trackers.WHAT, trackers.TIER, CROWD).items():
+        text = f"{name}, {CROWD} objects: frames a second"
+        yield Target(text, case.tier, CROWD_FRAMES, True, *summary(1.0 / results.samples[case]))
+
+
+def _recorded(results: Results) -> Iterator[Target]:
+    for block in results.blocks:
+        for case in block.cases:
+            if (case.what, case.name) == (recordings.WHAT, "md"):
+                text = f"{case.name} on KITTI's {recordings.SPLIT} split: frames a second"
+                frames = summary(1.0 / results.samples[case])
+                yield Target(text, case.tier, RECORDED_FRAMES, True, *frames)
 
 
 def _sight(results: Results) -> Iterator[Target]:

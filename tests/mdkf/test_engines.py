@@ -92,6 +92,24 @@ def test_an_interpreted_estimator_gives_the_compiled_ones_bits(name: str, option
     assert_same_bits(Tracker(Own(EVERY[name]), "pvrcnn", **OPTIONS[options]).run(seen), compiled)
 
 
+def test_a_subclass_is_what_it_says() -> None:
+    """One that changes a built-in estimator's prediction is not run by the built-in's kernels."""
+
+    class Standing(mdkf.Kalman):
+        def predict(self, state: Any, dt: float) -> Any:
+            state = super().predict(state, dt)
+            state.mean[:, 1::3] = 0.0
+            return state
+
+    seen = traffic(6, 60, 10)
+    coasted = Tracker(Standing(), "pvrcnn").run(seen)
+    assert (coasted.vx[coasted.coasted] == 0.0).all()
+    z = np.cumsum(np.ones((20, 3, 2)), axis=0)
+    z[10:] = np.nan
+    told = mdkf.filter_sequence(Standing(), z, np.eye(2), 0.1)
+    assert (told.velocity[10:] == 0.0).all()
+
+
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("name", ["kalman2", "imm2-zero", "md2"])
