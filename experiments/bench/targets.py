@@ -3,7 +3,15 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from experiments.bench import filters, recordings, sensing, simulation, start_up, trackers
+from experiments.bench import (
+    filters,
+    recordings,
+    scoring,
+    sensing,
+    simulation,
+    start_up,
+    trackers,
+)
 from experiments.bench.measure import Summary, summary
 from experiments.bench.results import Results
 
@@ -29,6 +37,8 @@ RECORDED_FRAMES = 200_000.0
 """A second at least, of MD on KITTI's val split; RobMOT's C++ does 14 000 to 22 000."""
 WARM_START = 2.0
 """[s]"""
+TIMES_TRACKEVAL = {20: 10.0, 200: 1.0}
+"""By the number of objects in the crowd."""
 SIGHT = {sensing.FRACTIONS: 300.0, sensing.RETURNS: 100.0}
 """At `BOXES` boxes [us per frame]."""
 BOXES = 200
@@ -62,7 +72,17 @@ class Target:
 
 def targets(results: Results) -> list[Target]:
     """The targets of what was measured."""
-    known = (_against_filterpy, _flat, _tracker, _crowd, _recorded, _sight, _flow, _start)
+    known = (
+        _against_filterpy,
+        _flat,
+        _tracker,
+        _crowd,
+        _recorded,
+        _scoring,
+        _sight,
+        _flow,
+        _start,
+    )
     return [target for part in known for target in part(results)]
 
 
@@ -109,6 +129,15 @@ def _recorded(results: Results) -> Iterator[Target]:
                 text = f"{case.name} on KITTI's {recordings.SPLIT} split: frames a second"
                 frames = summary(1.0 / results.samples[case])
                 yield Target(text, case.tier, RECORDED_FRAMES, True, *frames)
+
+
+def _scoring(results: Results) -> Iterator[Target]:
+    for objects, bound in TIMES_TRACKEVAL.items():
+        ours = results.cases(scoring.WHAT, scoring.TIER, objects).get(scoring.NAME)
+        theirs = results.cases(scoring.WHAT, scoring.TRACKEVAL, objects).get(scoring.NAME)
+        if ours and theirs:
+            text = f"{scoring.NAME} of {objects} objects, times as fast as trackeval"
+            yield Target(text, scoring.TIER, bound, True, *results.cost_ratio(theirs, ours))
 
 
 def _sight(results: Results) -> Iterator[Target]:
