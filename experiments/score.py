@@ -1,4 +1,4 @@
-"""Truth and tracks into scores: HOTA, CLEAR, Identity, and position errors around gaps."""
+"""Truth and tracks into scores: HOTA, CLEAR, Identity, GOSPA, state errors, errors around gaps."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from experiments.metrics import (
     ClearScores,
     HotaScores,
     IdentityScores,
+    Sequence,
     clear,
     hota,
     identity,
@@ -17,6 +18,7 @@ from experiments.metrics import (
 from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
 from experiments.phases import gap_errors
 from experiments.population import GapTruth, population
+from experiments.states import GospaScores, StateErrors, gospa, state_errors
 from mdkf.tables import TableError, Trace, Tracks
 
 PHASES = ("before", "gap", "after")
@@ -26,19 +28,24 @@ PHASES = ("before", "gap", "after")
 class Scores:
     """Scores of one sequence by bird's-eye centre similarity max(0, 1 - d / 2 m).
 
-    errors: `experiments.phases.gap_errors`, one row for each gap and frame.
+    states: errors of all tracks' rows that are on truth that counts, up to 2 m away. errors:
+    `experiments.phases.gap_errors`, one row for each gap and frame, however far away.
     """
 
     hota: HotaScores
     clear: ClearScores
     identity: IdentityScores
+    gospa: GospaScores
+    states: StateErrors
     gaps: Gaps
     errors: pl.DataFrame
 
     def summary(self) -> dict[str, float]:
         """Scores by name; NaN is "no value".
 
-        hota, deta, assa, mota, motp, idf1 in percent; idsw, fp, fn, gaps, followed are counts.
+        hota, deta, assa, mota, motp, idf1, miss_rate (of the truth rows) in percent; idsw, fp, fn,
+        gaps, followed are counts. gospa and its parts: `GospaScores.values`; position_error to
+        nis: `StateErrors.values`.
         error_before, error_gap, error_after: mean position error over the frames of all followed
         gaps [m], as long as the track lives; gap_median: its median in the gap. captured: percent
         of followed gaps in which another detection took the track; deleted: in which it ended;
@@ -61,6 +68,9 @@ class Scores:
             "idsw": float(self.clear.idsw),
             "fp": float(self.clear.fp),
             "fn": float(self.clear.fn),
+            "miss_rate": 100 * (1 - self.clear.recall),
+            **{name: value.value for name, value in self.gospa.values().items()},
+            **{name: value.value for name, value in self.states.values().items()},
             **{
                 f"error_{phase}": _value(followed.filter(pl.col("phase") == phase)["error"].mean())
                 for phase in PHASES
@@ -88,6 +98,26 @@ def score(
 
     Raises `TableError` if the tracks cannot belong to the trace.
     """
+    gaps = hidden_gaps(trace, tracks, occlusion)
+    kept = population(trace, tracks, gaps, gap_truth)
+    truth, estimate = trace.take(kept.truth), tracks.take(kept.tracks)
+    sequence = sequence_of(truth, estimate)
+    return Scores(
+        hota(sequence),
+        clear(sequence),
+        identity(sequence),
+        gospa_of(truth, estimate),
+        state_errors(trace, tracks, *kept.pairs()),
+        gaps,
+        gap_errors(trace, tracks, gaps),
+    )
+
+
+def hidden_gaps(trace: Trace, tracks: Tracks, occlusion: OcclusionProtocol | None = None) -> Gaps:
+    """The gaps that the tracks tell of.
+
+    Raises `TableError` if the tracks cannot belong to the trace, or come from another protocol.
+    """
     if (trace.n_frames, trace.dt) != (tracks.n_frames, tracks.dt):
         raise TableError(
             f"the tracks have {tracks.n_frames} frames of {tracks.dt} s, the trace"
@@ -96,24 +126,30 @@ def score(
     told = tracks.provenance.get("trace")
     if told is not None and told != trace.content_hash():
         raise TableError("the tracks come from another trace (its content hash differs)")
-    gaps = recorded_gaps(tracks, occlusion)
-    kept = population(trace, tracks, gaps, gap_truth)
-    truth, estimate = trace.take(kept.truth), tracks.take(kept.tracks)
-    sequence = sequence_from_rows(
+    return recorded_gaps(tracks, occlusion)
+
+
+def sequence_of(truth: Trace, tracks: Tracks) -> Sequence:
+    """What HOTA, CLEAR and Identity see of the rows of two tables, all of which count."""
+    return sequence_from_rows(
         truth.frame,
         truth.object_id,
         np.column_stack([truth.x, truth.y]),
-        estimate.frame,
-        estimate.track_id,
-        np.column_stack([estimate.x, estimate.y]),
-        trace.n_frames,
+        tracks.frame,
+        tracks.track_id,
+        np.column_stack([tracks.x, tracks.y]),
+        truth.n_frames,
     )
-    return Scores(
-        hota(sequence),
-        clear(sequence),
-        identity(sequence),
-        gaps,
-        gap_errors(trace, tracks, gaps),
+
+
+def gospa_of(truth: Trace, tracks: Tracks) -> GospaScores:
+    """GOSPA of the rows of two tables, all of which count."""
+    return gospa(
+        truth.frame,
+        np.column_stack([truth.x, truth.y]),
+        tracks.frame,
+        np.column_stack([tracks.x, tracks.y]),
+        truth.n_frames,
     )
 
 
