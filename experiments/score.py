@@ -1,11 +1,13 @@
 """Truth and tracks into scores: HOTA, CLEAR, Identity, GOSPA, state errors, errors around gaps."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import polars as pl
 
 from experiments.metrics import (
+    COLUMNS,
     ClearScores,
     HotaScores,
     IdentityScores,
@@ -21,12 +23,16 @@ from experiments.population import GapTruth, population
 from experiments.states import GospaScores, StateErrors, gospa, state_errors
 from mdkf.tables import TableError, Trace, Tracks
 
+Similarity = Literal["centre", "bird", "box"]
+"""What HOTA, CLEAR and Identity compare (`experiments.metrics.boxes`): centres from above by
+max(0, 1 - d / 2 m), or boxes by intersection over union, from above or in space."""
+
 PHASES = ("before", "gap", "after")
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Scores of one sequence by bird's-eye centre similarity max(0, 1 - d / 2 m).
+    """Scores of one sequence.
 
     states: errors of all tracks' rows that are on truth that counts, up to 2 m away. errors:
     `experiments.phases.gap_errors`, one row for each gap and frame, however far away.
@@ -89,19 +95,22 @@ def score(
     tracks: Tracks,
     occlusion: OcclusionProtocol | None = None,
     gap_truth: GapTruth = "keep",
+    similarity: Similarity = "centre",
 ) -> Scores:
     """Score tracks against the truth.
 
     The gaps are those that the tracks' provenance tells of; `occlusion`, if given, must be the
     protocol they came from. gap_truth: whether truth in the gaps is kept (a track that coasts
-    well is right there) or ignored.
+    well is right there) or ignored. similarity: of HOTA, CLEAR (from 0.5 on) and Identity (from
+    0.5 on); all else is by distance.
 
-    Raises `TableError` if the tracks cannot belong to the trace.
+    Raises `TableError` if the tracks cannot belong to the trace, and `ValueError` for an unknown
+    convention or similarity.
     """
     gaps = hidden_gaps(trace, tracks, occlusion)
     kept = population(trace, tracks, gaps, gap_truth)
     truth, estimate = trace.take(kept.truth), tracks.take(kept.tracks)
-    sequence = sequence_of(truth, estimate)
+    sequence = sequence_of(truth, estimate, similarity)
     return Scores(
         hota(sequence),
         clear(sequence),
@@ -129,16 +138,23 @@ def hidden_gaps(trace: Trace, tracks: Tracks, occlusion: OcclusionProtocol | Non
     return recorded_gaps(tracks, occlusion)
 
 
-def sequence_of(truth: Trace, tracks: Tracks) -> Sequence:
+def sequence_of(truth: Trace, tracks: Tracks, similarity: Similarity) -> Sequence:
     """What HOTA, CLEAR and Identity see of the rows of two tables, all of which count."""
+    if similarity not in get_args(Similarity):
+        raise ValueError(f"similarity {similarity!r}, expected one of {get_args(Similarity)}")
+    boxes = (
+        np.column_stack([getattr(table, name) for name in COLUMNS[similarity]])
+        for table in (truth, tracks)
+    )
     return sequence_from_rows(
         truth.frame,
         truth.object_id,
-        np.column_stack([truth.x, truth.y]),
+        next(boxes),
         tracks.frame,
         tracks.track_id,
-        np.column_stack([tracks.x, tracks.y]),
+        next(boxes),
         truth.n_frames,
+        similarity,
     )
 
 

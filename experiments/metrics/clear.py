@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from experiments.metrics.boxes import Floats, Ints
@@ -67,10 +68,22 @@ class ClearScores:
     similarity_sum: float
 
 
+@dataclass(frozen=True, eq=False)
+class ClearMatches:
+    """CLEAR row by row, both (n_truth_rows,).
+
+    Attributes:
+        track_row: the track row matched to every truth row, -1 for none.
+        switched: whether the match is an identity switch.
+    """
+
+    track_row: Ints
+    switched: NDArray[np.bool_]
+
+
 def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
     """CLEAR scores of one sequence; a match needs a similarity of at least `threshold`."""
-    # TrackEval passes over frames without truth or without tracks: they interrupt nothing.
-    frames = np.flatnonzero(np.diff(sequence.similarity_start))
+    frames = _frames(sequence)
     matched = _match_frames(sequence, frames, threshold - _EPSILON)
     n_matched, n_starts, idsw, similarity_sum = _histories(
         frames,
@@ -97,6 +110,18 @@ def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
         frag=int(np.maximum(n_starts - 1, 0).sum()),
         similarity_sum=similarity_sum,
     )
+
+
+def clear_matches(sequence: Sequence, threshold: float = 0.5) -> ClearMatches:
+    """The matches behind `clear(sequence, threshold)`: their counts are its tp and idsw."""
+    matched = _match_frames(sequence, _frames(sequence), threshold - _EPSILON)
+    in_time = sequence.truth_rows.by_object
+    hit = in_time[matched[in_time] >= 0]
+    same_object = np.diff(sequence.truth[hit]) == 0
+    other_track = np.diff(sequence.track[matched[hit]]) != 0
+    switched = np.zeros(len(matched), dtype=np.bool_)
+    switched[hit[1:][same_object & other_track]] = True
+    return ClearMatches(matched, switched)
 
 
 def combine_clear(scores: ListLike[ClearScores]) -> ClearScores:
@@ -131,6 +156,11 @@ def _scores(
         frag=frag,
         similarity_sum=similarity_sum,
     )
+
+
+def _frames(sequence: Sequence) -> Ints:
+    """TrackEval passes over frames without truth or without tracks: they interrupt nothing."""
+    return np.flatnonzero(np.diff(sequence.similarity_start))
 
 
 def _match_frames(sequence: Sequence, frames: Ints, cut: float) -> Ints:
