@@ -61,17 +61,22 @@ class Bin:
 def bins(trace: Trace, tracks: Tracks, gaps: Gaps, by: Sequence[str]) -> list[Bin]:
     """A bin of everything, and those of one group, or the products of several groups' bins.
 
-    Raises `ValueError` for an unknown group, for none, and for one that is named twice.
+    Raises `ValueError` as `check_groups` does.
     """
-    unknown = [name for name in by if name not in GROUPS]
-    if unknown or not by or len(set(by)) < len(by):
-        told = repr(unknown[0]) if unknown else repr(",".join(by))
-        raise ValueError(f"breakdown by {told}, expected different ones of {', '.join(GROUPS)}")
+    check_groups(by)
     everything = Bin(
         EVERYTHING, np.ones(len(trace), dtype=np.bool_), np.ones(len(tracks), dtype=np.bool_)
     )
     several = product(*(GROUPS[name](trace, tracks, gaps) for name in by))
     return [everything, *(reduce(Bin.__and__, chosen) for chosen in several)]
+
+
+def check_groups(by: Sequence[str]) -> None:
+    """Raise `ValueError` for an unknown group, for none, and for one that is named twice."""
+    unknown = [name for name in by if name not in GROUPS]
+    if unknown or not by or len(set(by)) < len(by):
+        told = unknown[0] if unknown else ",".join(by)
+        raise ValueError(f"breakdown by {told!r}, expected different ones of {', '.join(GROUPS)}")
 
 
 def _phases(trace: Trace, tracks: Tracks, gaps: Gaps) -> list[Bin]:
