@@ -12,7 +12,7 @@ A truth row belongs to a bin, and with it the track that is on it. A track on no
 bin of its own range and to both levels; of its phase or regime nobody can say.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from itertools import product
@@ -36,7 +36,9 @@ LEVEL_1_VISIBLE = 0.5
 OFFSETS = ((1, 5), (6, 10), (11, 20), (21, 40), (41, None))
 """First and last frame of a part of a gap, counted from 1 in the gap's first frame."""
 
+
 EVERYTHING = "all"
+"""The bin of all rows, and its group."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,25 +60,28 @@ class Bin:
         return Bin(f"{self.name}, {other.name}", both, false, self.required and other.required)
 
 
-def bins(trace: Trace, tracks: Tracks, gaps: Gaps, by: Sequence[str]) -> list[Bin]:
-    """A bin of everything, and those of one group, or the products of several groups' bins.
-
-    Raises `ValueError` as `check_groups` does.
-    """
-    check_groups(by)
-    everything = Bin(
+def everything(trace: Trace, tracks: Tracks) -> Bin:
+    """The bin of all rows."""
+    return Bin(
         EVERYTHING, np.ones(len(trace), dtype=np.bool_), np.ones(len(tracks), dtype=np.bool_)
     )
-    several = product(*(GROUPS[name](trace, tracks, gaps) for name in by))
-    return [everything, *(reduce(Bin.__and__, chosen) for chosen in several)]
 
 
-def check_groups(by: Sequence[str]) -> None:
-    """Raise `ValueError` for an unknown group, for none, and for one that is named twice."""
-    unknown = [name for name in by if name not in GROUPS]
-    if unknown or not by or len(set(by)) < len(by):
-        told = unknown[0] if unknown else ",".join(by)
-        raise ValueError(f"breakdown by {told!r}, expected different ones of {', '.join(GROUPS)}")
+def bins(trace: Trace, tracks: Tracks, gaps: Gaps, group: str) -> list[Bin]:
+    """The bins of a group, or the products of several groups' bins, as of `range,level`.
+
+    Raises `ValueError` as `check_group` does.
+    """
+    check_group(group)
+    several = (GROUPS[name](trace, tracks, gaps) for name in group.split(","))
+    return [reduce(Bin.__and__, chosen) for chosen in product(*several)]
+
+
+def check_group(group: str) -> None:
+    """Raise `ValueError` for unknown groups, and for one that is named twice."""
+    names = group.split(",")
+    if set(names) - set(GROUPS) or len(set(names)) < len(names):
+        raise ValueError(f"breakdown by {group!r}, expected different ones of {', '.join(GROUPS)}")
 
 
 def _phases(trace: Trace, tracks: Tracks, gaps: Gaps) -> list[Bin]:

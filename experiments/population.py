@@ -38,11 +38,6 @@ class Population:
     tracks: BoolArray
     object_row: IntArray
 
-    def pairs(self) -> tuple[IntArray, IntArray]:
-        """The pairs of rows, of the trace and of the tracks, whose object counts."""
-        track = np.flatnonzero(self.tracks & (self.object_row != UNASSIGNED))
-        return self.object_row[track], track
-
 
 def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) -> Population:
     """Rows to score; `gap_truth` says whether truth in the protocol's gaps is kept or ignored.

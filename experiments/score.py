@@ -1,31 +1,18 @@
 """Truth and tracks into scores: HOTA, CLEAR, Identity, GOSPA, state errors, errors around gaps."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import cached_property
 
-import numpy as np
 import polars as pl
 
-from experiments.metrics import (
-    COLUMNS,
-    ClearScores,
-    HotaScores,
-    IdentityScores,
-    Sequence,
-    clear,
-    hota,
-    identity,
-    sequence_from_rows,
-)
-from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
+from experiments.breakdown import breakdown
+from experiments.matched import Matched, Similarity, matched
+from experiments.metrics import ClearScores, HotaScores, IdentityScores, clear_of, hota, identity
+from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.phases import gap_errors
-from experiments.population import GapTruth, population
-from experiments.states import GospaScores, StateErrors, gospa, state_errors
-from mdkf.tables import TableError, Trace, Tracks
-
-Similarity = Literal["centre", "bird", "box"]
-"""What HOTA, CLEAR and Identity compare (`experiments.metrics.boxes`): centres from above by
-max(0, 1 - d / 2 m), or boxes by intersection over union, from above or in space."""
+from experiments.population import GapTruth
+from experiments.states import GospaScores, StateErrors
+from mdkf.tables import Trace, Tracks
 
 PHASES = ("before", "gap", "after")
 
@@ -34,17 +21,38 @@ PHASES = ("before", "gap", "after")
 class Scores:
     """Scores of one sequence.
 
-    states: errors of all tracks' rows that are on truth that counts, up to 2 m away. errors:
-    `experiments.phases.gap_errors`, one row for each gap and frame, however far away.
+    errors: `experiments.phases.gap_errors`, one row for each gap and frame, however far away.
     """
 
     hota: HotaScores
     clear: ClearScores
     identity: IdentityScores
-    gospa: GospaScores
-    states: StateErrors
-    gaps: Gaps
+    matched: Matched
     errors: pl.DataFrame
+
+    @property
+    def gaps(self) -> Gaps:
+        """The gaps that the tracks tell of."""
+        return self.matched.gaps
+
+    @property
+    def gospa(self) -> GospaScores:
+        """GOSPA of the rows that count."""
+        return self.matched.gospa
+
+    @cached_property
+    def states(self) -> StateErrors:
+        """Errors of all tracks' rows that are on truth that counts, up to 2 m away."""
+        every = self.matched.states
+        return every.take(self.matched.kept.truth[every.truth_row])
+
+    def by(self, *groups: str) -> pl.DataFrame:
+        """Scores by bin (`experiments.breakdown`): `phase`, `regime`, `range`, `level`, or the
+        products of several, as `range,level`.
+
+        Raises `ValueError` for an unknown group, and for one that is named twice.
+        """
+        return breakdown(self.matched, groups)
 
     def summary(self) -> dict[str, float]:
         """Scores by name; NaN is "no value".
@@ -104,68 +112,16 @@ def score(
     well is right there) or ignored. similarity: of HOTA, CLEAR (from 0.5 on) and Identity (from
     0.5 on); all else is by distance.
 
-    Raises `TableError` if the tracks cannot belong to the trace, and `ValueError` for an unknown
-    convention or similarity.
+    Raises `TableError` if the tracks cannot belong to the trace or come from another protocol, and
+    `ValueError` for an unknown convention or similarity.
     """
-    gaps = hidden_gaps(trace, tracks, occlusion)
-    kept = population(trace, tracks, gaps, gap_truth)
-    truth, estimate = trace.take(kept.truth), tracks.take(kept.tracks)
-    sequence = sequence_of(truth, estimate, similarity)
+    whole = matched(trace, tracks, occlusion, gap_truth, similarity)
     return Scores(
-        hota(sequence),
-        clear(sequence),
-        identity(sequence),
-        gospa_of(truth, estimate),
-        state_errors(trace, tracks, *kept.pairs()),
-        gaps,
-        gap_errors(trace, tracks, gaps),
-    )
-
-
-def hidden_gaps(trace: Trace, tracks: Tracks, occlusion: OcclusionProtocol | None = None) -> Gaps:
-    """The gaps that the tracks tell of.
-
-    Raises `TableError` if the tracks cannot belong to the trace, or come from another protocol.
-    """
-    if (trace.n_frames, trace.dt) != (tracks.n_frames, tracks.dt):
-        raise TableError(
-            f"the tracks have {tracks.n_frames} frames of {tracks.dt} s, the trace"
-            f" {trace.n_frames} of {trace.dt} s"
-        )
-    told = tracks.provenance.get("trace")
-    if told is not None and told != trace.content_hash():
-        raise TableError("the tracks come from another trace (its content hash differs)")
-    return recorded_gaps(tracks, occlusion)
-
-
-def sequence_of(truth: Trace, tracks: Tracks, similarity: Similarity) -> Sequence:
-    """What HOTA, CLEAR and Identity see of the rows of two tables, all of which count."""
-    if similarity not in get_args(Similarity):
-        raise ValueError(f"similarity {similarity!r}, expected one of {get_args(Similarity)}")
-    boxes = (
-        np.column_stack([getattr(table, name) for name in COLUMNS[similarity]])
-        for table in (truth, tracks)
-    )
-    return sequence_from_rows(
-        truth.frame,
-        truth.object_id,
-        next(boxes),
-        tracks.frame,
-        tracks.track_id,
-        next(boxes),
-        truth.n_frames,
-        similarity,
-    )
-
-
-def gospa_of(truth: Trace, tracks: Tracks) -> GospaScores:
-    """GOSPA of the rows of two tables, all of which count."""
-    return gospa(
-        truth.frame,
-        np.column_stack([truth.x, truth.y]),
-        tracks.frame,
-        np.column_stack([tracks.x, tracks.y]),
-        truth.n_frames,
+        hota(whole.sequence),
+        clear_of(whole.sequence, whole.clear),
+        identity(whole.sequence),
+        whole,
+        gap_errors(trace, tracks, whole.gaps),
     )
 
 

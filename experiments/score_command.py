@@ -10,10 +10,9 @@ from rich.console import Console
 
 import sim_bridge
 from experiments import terminal
-from experiments.bins import GROUPS, check_groups
-from experiments.breakdown import breakdown
+from experiments.bins import GROUPS, check_group
+from experiments.matched import Similarity
 from experiments.options import GapTruth, Json, gap_truth_option
-from experiments.score import Similarity
 from experiments.score import score as score_tracks
 from mdkf import Trace, Tracks
 
@@ -42,23 +41,24 @@ def score(
 ) -> None:
     """Score tracks against the truth; the gaps are read from the tracks' own file."""
     rules = {"gap_truth": gap_truth_option(gap_truth), "similarity": _similarity(similarity)}
-    groups = [_groups(text) for text in by or []]
+    groups = [_group(text) for text in by or []]
     truth = sim_bridge.read_table(trace, Trace)
     estimate = sim_bridge.read_table(tracks, Tracks)
     result = score_tracks(truth, estimate, **rules)
-    tables = [breakdown(truth, estimate, group, **rules) for group in groups]
     if as_json:
         document: dict[str, Any] = {
             name: None if math.isnan(value) else value for name, value in result.summary().items()
         }
         if groups:
-            document["breakdown"] = [row for table in tables for row in table.to_dicts()]
+            document["breakdown"] = result.by(*groups).to_dicts()
         print(json.dumps(document, allow_nan=False))
         return
     shown = Console() if Console().is_terminal else Console(width=terminal.FULL_WIDTH)
     shown.print(terminal.score_table(result))
-    for table in tables:
-        shown.print(terminal.breakdown_table(table, shown.width >= terminal.BREAKDOWN_WIDTH))
+    binned = result.by(*groups)
+    for group in groups:
+        wide = shown.width >= terminal.BREAKDOWN_WIDTH
+        shown.print(terminal.breakdown_table(binned, group, wide))
     shown.print(terminal.CORRELATED, style="dim", highlight=False)
 
 
@@ -69,10 +69,10 @@ def _similarity(text: str) -> Any:
     return text
 
 
-def _groups(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
+def _group(text: str) -> str:
+    group = text.replace(" ", "")
     try:
-        check_groups(names)
+        check_group(group)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    return names
+    return group

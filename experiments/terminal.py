@@ -243,18 +243,18 @@ CORRELATED = (
 """What to know of NEES and NIS."""
 
 
-def breakdown_table(rows: pl.DataFrame, wide: bool = True) -> Table:
-    """Scores by bin; – is no value, and what no bin has is left out."""
-    group = rows["group"][0]
+def breakdown_table(rows: pl.DataFrame, group: str, wide: bool = True) -> Table:
+    """Scores of all and of a group's bins; – is no value, and what no bin has is left out."""
     title = f"By {group}: scores, mean errors, consistency"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column(escape(group) if wide else "", no_wrap=True)
     table.add_column("truth\nrows", justify="right")
-    binned = set(rows.filter(pl.col("bin") != EVERYTHING)["score"])
+    binned = set(rows.filter(group=group)["score"])
     shown = [column for column in BINNED if column[0] in binned and (wide or not column[-1])]
     for _, heading, unit, _, _ in shown:
         table.add_column(f"{heading}\n{unit}", justify="right")
-    for (name,), own in rows.group_by("bin", maintain_order=True):
+    of_group = rows.filter(pl.col("group").is_in([EVERYTHING, group]))
+    for (name,), own in of_group.group_by("bin", maintain_order=True):
         found = {row["score"]: row for row in own.to_dicts()}
         cells = [_told_bin(found.get(score), decimals) for score, _, _, decimals, _ in shown]
         label = str(name) if wide else str(name).replace(", ", ",\n")

@@ -19,6 +19,7 @@ from experiments.metrics.clear import (
     ClearScores,
     clear,
     clear_matches,
+    clear_of,
     combine_clear,
 )
 from experiments.metrics.hota import ALPHAS, HotaScores, combine_hota, hota
@@ -38,6 +39,7 @@ __all__ = [
     "box_iou",
     "clear",
     "clear_matches",
+    "clear_of",
     "combine_clear",
     "combine_hota",
     "combine_identity",

@@ -83,8 +83,24 @@ class ClearMatches:
 
 def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
     """CLEAR scores of one sequence; a match needs a similarity of at least `threshold`."""
-    frames = _frames(sequence)
-    matched = _match_frames(sequence, frames, threshold - _EPSILON)
+    return clear_of(sequence, clear_matches(sequence, threshold))
+
+
+def clear_matches(sequence: Sequence, threshold: float = 0.5) -> ClearMatches:
+    """The matches behind `clear(sequence, threshold)`; their numbers are its tp and idsw."""
+    matched = _match_frames(sequence, _frames(sequence), threshold - _EPSILON)
+    in_time = sequence.truth_rows.by_object
+    hit = in_time[matched[in_time] >= 0]
+    same_object = np.diff(sequence.truth[hit]) == 0
+    other_track = np.diff(sequence.track[matched[hit]]) != 0
+    switched = np.zeros(len(matched), dtype=np.bool_)
+    switched[hit[1:][same_object & other_track]] = True
+    return ClearMatches(matched, switched)
+
+
+def clear_of(sequence: Sequence, matches: ClearMatches) -> ClearScores:
+    """CLEAR scores of a sequence that is matched already."""
+    frames, matched = _frames(sequence), matches.track_row
     n_matched, n_starts, idsw, similarity_sum = _histories(
         frames,
         sequence.truth_start,
@@ -110,18 +126,6 @@ def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
         frag=int(np.maximum(n_starts - 1, 0).sum()),
         similarity_sum=similarity_sum,
     )
-
-
-def clear_matches(sequence: Sequence, threshold: float = 0.5) -> ClearMatches:
-    """The matches behind `clear(sequence, threshold)`: their counts are its tp and idsw."""
-    matched = _match_frames(sequence, _frames(sequence), threshold - _EPSILON)
-    in_time = sequence.truth_rows.by_object
-    hit = in_time[matched[in_time] >= 0]
-    same_object = np.diff(sequence.truth[hit]) == 0
-    other_track = np.diff(sequence.track[matched[hit]]) != 0
-    switched = np.zeros(len(matched), dtype=np.bool_)
-    switched[hit[1:][same_object & other_track]] = True
-    return ClearMatches(matched, switched)
 
 
 def combine_clear(scores: ListLike[ClearScores]) -> ClearScores:

@@ -13,14 +13,13 @@ import pytest
 import mdkf
 import sim_bridge
 from experiments import score
-from experiments.breakdown import breakdown
 from experiments.terminal import BINNED, SECTIONS
 from mdkf.tables import Detections, Trace, Tracks
 from tests.experiments.commands import Mdkf, assert_refused
 from tests.mdkf.test_check_estimator import AlphaBeta
 from tests.tables import tracks_of
 
-GROUPS = (["phase"], ["regime"], ["range"], ["level"], ["range", "level"])
+GROUPS = ("phase", "regime", "range", "level", "range,level")
 
 
 class Telling(AlphaBeta):
@@ -55,15 +54,15 @@ def test_files_give_the_scores_of_memory(
     tracks = mdkf.Tracker(ESTIMATORS[name], "pointrcnn", **SETTINGS[options]).run(seen)
     sim_bridge.write_table(tracks, tmp_path / "tracks.parquet")
     again = sim_bridge.read_table(tmp_path / "tracks.parquet", Tracks)
-    expected, found = (score(trace, table).summary() for table in (tracks, again))
+    of_memory, of_files = (score(trace, table) for table in (tracks, again))
+    expected, found = of_memory.summary(), of_files.summary()
     assert list(found) == list(expected)
     np.testing.assert_array_equal(list(found.values()), list(expected.values()))
-    for by in GROUPS:
-        assert breakdown(trace, again, by).equals(breakdown(trace, tracks, by))
+    assert of_files.by(*GROUPS).equals(of_memory.by(*GROUPS))
     assert {"trace", "occlusion", "settings", "estimator"} <= again.provenance.keys()
     assert math.isnan(found["nis"]) == (name == "user's")
     if options == "measured":
-        estimates = score(trace, again).states
+        estimates = of_files.states
         coasted = again.coasted[estimates.track_row]
         np.testing.assert_array_equal(np.isnan(estimates.nees), ~coasted)
     else:
@@ -83,12 +82,9 @@ def test_the_command_gives_the_librarys_numbers(
     told = json.loads(answer.out)
     trace, tracks = sim_bridge.read_table(files[0], Trace), sim_bridge.read_table(files[1], Tracks)
     rows = told.pop("breakdown")
-    expected = score(trace, tracks, None, convention, similarity).summary()
-    assert told == {k: None if math.isnan(v) else v for k, v in expected.items()}
-    tables = [
-        breakdown(trace, tracks, by, convention, similarity) for by in (["phase"], GROUPS[-1])
-    ]
-    assert rows == [row for table in tables for row in table.to_dicts()]
+    expected = score(trace, tracks, None, convention, similarity)
+    assert told == {k: None if math.isnan(v) else v for k, v in expected.summary().items()}
+    assert rows == expected.by("phase", "range,level").to_dicts()
     plain = json.loads(mdkf_command("score", *files, *options).out)
     assert plain == told
 
