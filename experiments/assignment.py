@@ -1,16 +1,15 @@
 """The places of two tables into pairs: per frame the best one-to-one assignment of what is close.
 
-Of all assignments of pairs with a distance d < reach it has the largest sum of reach^p - d^p. As
-no frame knows of another, a place is assigned the same whatever happened before.
+Of all assignments of pairs with a distance d < reach it has the largest sum of reach^p - d^p. As no
+frame knows of another, a place is assigned the same whatever happened before.
 """
-
-import math
 
 import numpy as np
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
-from mdkf.tables import BoolArray, FloatArray, IntArray
+from experiments.metrics.assignment import match_frame
+from experiments.metrics.boxes import Pairs, similar_pairs
+from mdkf.tables import FloatArray, IntArray
 
 UNASSIGNED = -1
 
@@ -31,39 +30,22 @@ def assigned(
     """
     frames = np.arange(n_frames + 1)
     truth_start, track_start = (np.searchsorted(f, frames) for f in (truth_frame, track_frame))
-    row, near, rivalled = _unrivalled(truth_start, truth, track_start, track, reach)
-    # Where something has the choice between two, scipy decides.
-    for k in rivalled:
-        rows = truth_start[k] + np.flatnonzero(near[truth_start[k] : truth_start[k + 1]])
-        own = slice(track_start[k], track_start[k + 1])
-        d = truth[rows, None] - track[own]
-        gain = np.maximum(reach**power - np.hypot(d[..., 0], d[..., 1]) ** power, 0.0)
-        chosen, column = linear_sum_assignment(gain, maximize=True)
-        taken = gain[chosen, column] > 0.0
-        row[own] = UNASSIGNED
-        row[own.start + column[taken]] = rows[chosen[taken]]
+    pairs = similar_pairs("centre", truth_start, truth, track_start, track, reach)
+    # The similarity is 1 - d / reach.
+    gain = 1.0 - (1.0 - pairs.similarity) ** power
+    chosen = _best_pairs(truth_start, track_start, pairs, gain)
+    taken = np.flatnonzero(chosen != UNASSIGNED)
+    row = np.full(len(track), UNASSIGNED)
+    row[pairs.row[chosen[taken]]] = taken
     return row
 
 
 @njit(cache=True)
-def _unrivalled(
-    truth_start: IntArray,
-    truth: FloatArray,
-    track_start: IntArray,
-    track: FloatArray,
-    reach: float,
-) -> tuple[IntArray, BoolArray, IntArray]:
-    """The rows assigned where nobody has a choice, whether each truth row has a track within
-    reach, and the frames in which something has a choice."""
-    row = np.full(len(track), UNASSIGNED)
-    near = np.zeros(len(truth), np.bool_)
-    rivalled = np.zeros(len(truth_start) - 1, np.bool_)
-    for k in range(len(truth_start) - 1):
-        for i in range(truth_start[k], truth_start[k + 1]):
-            for j in range(track_start[k], track_start[k + 1]):
-                dx, dy = truth[i, 0] - track[j, 0], truth[i, 1] - track[j, 1]
-                if abs(dx) < reach and abs(dy) < reach and math.hypot(dx, dy) < reach:
-                    rivalled[k] |= near[i] or row[j] != UNASSIGNED
-                    row[j] = i
-                    near[i] = True
-    return row, near, np.flatnonzero(rivalled)
+def _best_pairs(
+    truth_start: IntArray, track_start: IntArray, pairs: Pairs, gain: FloatArray
+) -> IntArray:
+    """The pair of each truth row (n_truth_rows,) in the assignment of the largest sum of gains."""
+    chosen = np.full(truth_start[-1], UNASSIGNED)
+    for frame in range(len(truth_start) - 1):
+        match_frame(frame, truth_start, track_start, pairs, gain, chosen)
+    return chosen

@@ -40,7 +40,8 @@ class Gaps:
         """Whether each (object, frame) lies in a gap."""
         inside = np.zeros(len(frame), dtype=np.bool_)
         for identifier, start, stop in zip(self.object_id, self.start, self.stop, strict=True):
-            inside |= (object_id == identifier) & (frame >= start) & (frame < stop)
+            own = np.flatnonzero(object_id == identifier)
+            inside[own[(frame[own] >= start) & (frame[own] < stop)]] = True
         return inside
 
 

@@ -58,7 +58,9 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     ego = trace.ego
     away = np.hypot(tracks.x - ego.x[tracks.frame], tracks.y - ego.y[tracks.frame])
     scored = away <= SCORED_RANGE
-    object_row = _objects(trace, tracks, np.flatnonzero(road_users))
+    # Nothing farther away than this is close to any track.
+    farthest = away.max(initial=0.0) + MATCH_DISTANCE
+    object_row = _objects(trace, tracks, np.flatnonzero(road_users & (distance <= farthest)))
     on_one = object_row != UNASSIGNED
     scored[on_one] = counted[object_row[on_one]]
     return Population(counted, scored, object_row)
@@ -71,15 +73,15 @@ def naturally_occluded(trace: Trace, gaps: Gaps) -> BoolArray:
     return near & (trace.visible < SCORED_VISIBLE) & ~gaps.covers(trace.object_id, trace.frame)
 
 
-def _objects(trace: Trace, tracks: Tracks, road_users: IntArray) -> IntArray:
+def _objects(trace: Trace, tracks: Tracks, candidates: IntArray) -> IntArray:
     """The truth row that each track row is on, of the given ones."""
     row = assigned(
-        trace.frame[road_users],
-        np.column_stack([trace.x[road_users], trace.y[road_users]]),
+        trace.frame[candidates],
+        np.column_stack([trace.x[candidates], trace.y[candidates]]),
         tracks.frame,
         np.column_stack([tracks.x, tracks.y]),
         trace.n_frames,
         MATCH_DISTANCE,
     )
     # The last place, which -1 takes, stands for no object.
-    return np.append(road_users, UNASSIGNED)[row]
+    return np.append(candidates, UNASSIGNED)[row]

@@ -14,7 +14,7 @@ class Plan:
     steps: of a run, frame by frame; updates: of all tracks together in a compiled run, which has
     at least `passes` steps: a pass also starts the tracks and makes room for the estimates.
     objects: numbers of objects of the whole tracker; frames: of its sequence.
-    scored: frames of the sequence that is scored, with 20 objects.
+    crowds: numbers of objects whose tracks are scored; scored: frames of each.
     boxes: in view of the sensor.
     simulated: of dense traffic, for a trace [s].
     """
@@ -29,6 +29,7 @@ class Plan:
     passes: int = 50
     objects: tuple[int, ...] = (10, 50, 200)
     frames: int = 100
+    crowds: tuple[int, ...] = (20, 200)
     scored: int = 1000
     boxes: int = 200
     simulated: float = 60.0

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from experiments.bench import filters, sensing, simulation, start_up, trackers
+from experiments.bench import filters, scoring, sensing, simulation, start_up, trackers
 from experiments.bench.measure import Summary, summary
 from experiments.bench.results import Results
 
@@ -25,6 +25,8 @@ MD_OVER_CA = 1.3
 OBJECTS = 10
 WARM_START = 2.0
 """[s]"""
+TIMES_TRACKEVAL = {20: 10.0, 200: 1.0}
+"""By the number of objects in the crowd."""
 SIGHT = {sensing.FRACTIONS: 300.0, sensing.RETURNS: 100.0}
 """At `BOXES` boxes [us per frame]."""
 BOXES = 200
@@ -58,7 +60,7 @@ class Target:
 
 def targets(results: Results) -> list[Target]:
     """The targets of what was measured."""
-    known = (_against_filterpy, _flat, _tracker, _sight, _flow, _start)
+    known = (_against_filterpy, _flat, _tracker, _scoring, _sight, _flow, _start)
     return [target for part in known for target in part(results)]
 
 
@@ -90,6 +92,15 @@ def _tracker(results: Results) -> Iterator[Target]:
         cost: Summary = results.cost_ratio(cases["md"], cases["ca"])
         text = f"the whole tracker at {OBJECTS} objects, cost of md over ca"
         yield Target(text, trackers.TIER, MD_OVER_CA, False, *cost)
+
+
+def _scoring(results: Results) -> Iterator[Target]:
+    for objects, bound in TIMES_TRACKEVAL.items():
+        ours = results.cases(scoring.WHAT, scoring.TIER, objects).get(scoring.NAME)
+        theirs = results.cases(scoring.WHAT, scoring.TRACKEVAL, objects).get(scoring.NAME)
+        if ours and theirs:
+            text = f"{scoring.NAME} of {objects} objects, times as fast as trackeval"
+            yield Target(text, scoring.TIER, bound, True, *results.cost_ratio(theirs, ours))
 
 
 def _sight(results: Results) -> Iterator[Target]:

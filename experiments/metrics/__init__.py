@@ -8,6 +8,7 @@ never 0 or 1.
 
 from experiments.metrics.boxes import (
     COLUMNS,
+    Pairs,
     Similarity,
     bird_iou,
     box_iou,
@@ -33,6 +34,7 @@ __all__ = [
     "ClearScores",
     "HotaScores",
     "IdentityScores",
+    "Pairs",
     "Sequence",
     "Similarity",
     "bird_iou",

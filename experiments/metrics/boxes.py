@@ -1,4 +1,4 @@
-"""Boxes into similarities: every truth box of a frame against every track box of that frame.
+"""Boxes into similarities: of every box of a set with every box of another, frame by frame.
 
     centre  max(0, 1 - d / scale) of the bird's-eye distance d
     bird    intersection over union of rotated rectangles, seen from above
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,6 +42,24 @@ COLUMNS: Mapping[Similarity, tuple[str, ...]] = MappingProxyType(
 
 CENTRE_SCALE = 2.0
 """Distance [m] at which two centres stop being similar: 1 m apart is similarity 0.5."""
+
+
+class Pairs(NamedTuple):
+    """The similar ones of all pairs of rows (a, b) that share a frame.
+
+    Row r of a is similar to the rows `row[start[r] : start[r + 1]]` of b, rising, by so much each;
+    to no other.
+
+    Attributes:
+        start: (n_rows_of_a + 1,) offsets into the other two.
+        row: (n_pairs,) row of b.
+        similarity: (n_pairs,).
+    """
+
+    start: Ints
+    row: Ints
+    similarity: Floats
+
 
 _SIZES = frozenset({"length", "width", "height"})
 _CENTRE, _BIRD, _BOX, _IMAGE, _COVERAGE = range(5)
@@ -136,15 +154,15 @@ def as_boxes(
     return boxes
 
 
-def similarities(
+def similar_pairs(
     similarity: Similarity,
     truth_start: Ints,
     truth: Floats,
     track_start: Ints,
     track: Floats,
     scale: float = CENTRE_SCALE,
-) -> Floats:
-    """Similarities of all frames, flat: their (truth, track) matrices in row-major order.
+) -> Pairs:
+    """The pairs of truth and track rows of one frame whose similarity is above 0.
 
     Args:
         similarity: which one.
@@ -153,45 +171,56 @@ def similarities(
         track_start, track: likewise.
         scale: of `centre` alone: distance [m] from which the similarity is 0.
     """
-    return _similarities(_CODES[similarity], truth_start, truth, track_start, track, scale)
+    return Pairs(*_pairs(_CODES[similarity], truth_start, truth, track_start, track, scale))
 
 
 def _matrix(code: int, a: Floats, b: Floats) -> Floats:
-    one = np.array([0, len(a)]), np.array([0, len(b)])
-    return _similarities(code, one[0], a, one[1], b, CENTRE_SCALE).reshape(len(a), len(b))
+    start, column, similarity = _pairs(
+        code, np.array([0, len(a)]), a, np.array([0, len(b)]), b, CENTRE_SCALE
+    )
+    matrix = np.zeros((len(a), len(b)))
+    matrix[np.repeat(np.arange(len(a)), np.diff(start)), column] = similarity
+    return matrix
 
 
 @njit(cache=True, error_model="numpy")
-def _similarities(
+def _pairs(
     code: int, a_start: Ints, a: Floats, b_start: Ints, b: Floats, scale: float
-) -> Floats:
-    n_entries = 0
+) -> tuple[Ints, Ints, Floats]:
+    start = np.zeros(len(a) + 1, np.int64)
+    row, similarity = np.empty(0, np.int64), np.empty(0)
+    radius_a, radius_b = _radius(code, a, scale), _radius(code, b, scale)
+    n = 0
     for frame in range(len(a_start) - 1):
-        n_entries += (a_start[frame + 1] - a_start[frame]) * (b_start[frame + 1] - b_start[frame])
-    similarity = np.zeros(n_entries)
-    rotated = code in (_BIRD, _BOX)
-    radius_a, radius_b = _radius(code, a), _radius(code, b)
-    entry = -1
-    for frame in range(len(a_start) - 1):
+        first, last = b_start[frame], b_start[frame + 1]
         for i in range(a_start[frame], a_start[frame + 1]):
-            for j in range(b_start[frame], b_start[frame + 1]):
-                entry += 1
-                if rotated:
-                    dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], radius_a[i] + radius_b[j]
-                    if dx * dx + dy * dy >= reach * reach:
-                        continue
-                similarity[entry] = _similarity(code, a[i], b[j], scale)
-    return similarity
+            if n + last - first > len(row):
+                room = np.empty(len(row) + len(a) + last - first, np.int64)
+                room[:n] = row[:n]
+                row, wide = room, np.empty(len(room))
+                wide[:n] = similarity[:n]
+                similarity = wide
+            for j in range(first, last):
+                dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], radius_a[i] + radius_b[j]
+                if dx * dx + dy * dy < reach * reach:
+                    value = _similarity(code, a[i], b[j], scale)
+                    if value > 0.0:
+                        row[n], similarity[n] = j, value
+                        n += 1
+            start[i + 1] = n
+    return start, row[:n].copy(), similarity[:n].copy()
 
 
 @njit(cache=True, error_model="numpy")
-def _radius(code: int, boxes: Floats) -> Floats:
-    """Radius (n,) [m] of the circumscribed circle on the ground, of rotated boxes."""
+def _radius(code: int, boxes: Floats, scale: float) -> Floats:
+    """(n,) rows whose x, y are not closer than the sum of their radii have nothing in common."""
+    if code == _CENTRE:
+        return np.full(len(boxes), scale / 2)
     if code == _BIRD:
         return np.hypot(boxes[:, 3], boxes[:, 4]) / 2
     if code == _BOX:
         return np.hypot(boxes[:, 4], boxes[:, 5]) / 2
-    return np.zeros(0)
+    return np.full(len(boxes), np.inf)
 
 
 @njit(cache=True, error_model="numpy")

@@ -28,6 +28,7 @@ from experiments.metrics import (
     combine_identity,
     hota,
     identity,
+    sequence_from_matrices,
     sequence_from_rows,
 )
 
@@ -160,17 +161,13 @@ def random_traffic(rng: np.random.Generator, *, tied: bool) -> Sequence:
 
 def from_matrices(truth: list[list[int]], track: list[list[int]], values: Any) -> Sequence:
     """A sequence with given ids per frame, whose similarities are drawn by `values(n)`."""
-    truth_ids, truth_index = np.unique(np.concatenate([[], *truth]), return_inverse=True)
-    track_ids, track_index = np.unique(np.concatenate([[], *track]), return_inverse=True)
-    n = sum(len(a) * len(b) for a, b in zip(truth, track, strict=True))
-    return Sequence(
-        truth_start=np.cumsum([0, *map(len, truth)]),
-        truth=truth_index.astype(np.int64),
-        track_start=np.cumsum([0, *map(len, track)]),
-        track=track_index.astype(np.int64),
-        similarity=np.asarray(values(n), dtype=np.float64),
-        n_objects=len(truth_ids),
-        n_tracks=len(track_ids),
+    shapes = [(len(a), len(b)) for a, b in zip(truth, track, strict=True)]
+    sizes = [n * m for n, m in shapes]
+    flat = np.asarray(values(sum(sizes)), dtype=np.float64)
+    parts = np.split(flat, np.cumsum(sizes)[:-1])
+    matrices = [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+    return sequence_from_matrices(
+        [np.array(ids, int) for ids in truth], [np.array(ids, int) for ids in track], matrices
     )
 
 
