@@ -103,5 +103,5 @@ def _hota(whole: Matched, counted: BoolArray, false: BoolArray) -> float:
         return float("nan")
     on_nothing = kept.object_row == UNASSIGNED
     own = kept.tracks & np.where(on_nothing, false, counted[kept.object_row])
-    truth, estimates = whole.trace.take(counted), whole.tracks.take(own)
-    return 100 * hota(sequence_of(truth, estimates, whole.similarity)).hota_mean
+    sequence = sequence_of(whole.trace, whole.tracks, counted, own, whole.similarity)
+    return 100 * hota(sequence).hota_mean

@@ -10,7 +10,7 @@ from experiments.metrics import COLUMNS, ClearMatches, Sequence, clear_matches, 
 from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
 from experiments.population import GapTruth, Population, population
 from experiments.states import GospaScores, StateErrors, gospa, state_errors
-from mdkf.tables import BoolArray, FloatArray, TableError, Trace, Tracks
+from mdkf.tables import BoolArray, TableError, Trace, Tracks
 
 Similarity = Literal["centre", "bird", "box"]
 """What HOTA, CLEAR and Identity compare (`experiments.metrics.boxes`): centres from above by
@@ -63,8 +63,7 @@ def matched(
         raise ValueError(f"similarity {similarity!r}, expected one of {get_args(Similarity)}")
     gaps = recorded_gaps(tracks, occlusion)
     kept = population(trace, tracks, gaps, gap_truth)
-    truth, estimates = trace.take(kept.truth), tracks.take(kept.tracks)
-    sequence = sequence_of(truth, estimates, similarity)
+    sequence = sequence_of(trace, tracks, kept.truth, kept.tracks, similarity)
     on_object = np.flatnonzero(kept.object_row != UNASSIGNED)
     return Matched(
         trace,
@@ -74,28 +73,36 @@ def matched(
         kept,
         sequence,
         clear_matches(sequence),
-        gospa(truth.frame, _centres(truth), estimates.frame, _centres(estimates), trace.n_frames),
+        gospa(
+            trace.frame[kept.truth],
+            np.column_stack([trace.x, trace.y])[kept.truth],
+            tracks.frame[kept.tracks],
+            np.column_stack([tracks.x, tracks.y])[kept.tracks],
+            trace.n_frames,
+        ),
         state_errors(trace, tracks, kept.object_row[on_object], on_object),
     )
 
 
-def sequence_of(truth: Trace, tracks: Tracks, similarity: Similarity) -> Sequence:
-    """What HOTA, CLEAR and Identity see of the rows of two tables, all of which count."""
+def sequence_of(
+    trace: Trace,
+    tracks: Tracks,
+    truth_rows: BoolArray,
+    track_rows: BoolArray,
+    similarity: Similarity,
+) -> Sequence:
+    """What HOTA, CLEAR and Identity see of some rows of two tables: (n_rows,) masks."""
     boxes, estimates = (
-        np.column_stack([getattr(table, name) for name in COLUMNS[similarity]])
-        for table in (truth, tracks)
+        np.column_stack([getattr(table, name)[rows] for name in COLUMNS[similarity]])
+        for table, rows in ((trace, truth_rows), (tracks, track_rows))
     )
     return sequence_from_rows(
-        truth.frame,
-        truth.object_id,
+        trace.frame[truth_rows],
+        trace.object_id[truth_rows],
         boxes,
-        tracks.frame,
-        tracks.track_id,
+        tracks.frame[track_rows],
+        tracks.track_id[track_rows],
         estimates,
-        truth.n_frames,
+        trace.n_frames,
         similarity,
     )
-
-
-def _centres(table: Trace | Tracks) -> FloatArray:
-    return np.column_stack([table.x, table.y])

@@ -62,7 +62,9 @@ class GospaScores:
         """gospa, and its parts gospa_localisation, gospa_missed, gospa_false [m], each as the
         p-th root of the mean p-th power over the frames with any object or track: the parts' p-th
         powers add up to that of the whole."""
-        n = len(np.union1d(self.truth_frame, self.track_frame))
+        occupied = np.zeros(self.n_frames, dtype=np.bool_)
+        occupied[self.truth_frame] = occupied[self.track_frame] = True
+        n = int(occupied.sum())
         localisation, missed, false = (float(cost.sum()) for cost in self._costs())
         sums = {
             "gospa": localisation + missed + false,
