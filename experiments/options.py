@@ -16,6 +16,17 @@ NoCache = Annotated[
     bool, typer.Option("--no-cache", help="Simulate anew, and keep nothing for the next time.")
 ]
 
+GapTruth = Annotated[
+    str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
+]
+
+
+def gap_truth_option(text: str) -> Any:
+    """What `GapTruth` was given; bad input if it is neither."""
+    if text not in ("keep", "ignore"):
+        raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")
+    return text
+
 
 def simulated(scenario: Scenario, seed: int, no_cache: bool, dt: float = 0.1) -> Trace:
     """A world, from the user's cache if it is there and may be."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from experiments.metrics.assignment import match_frame
 from experiments.metrics.boxes import Ints, Pairs
@@ -67,36 +68,65 @@ class ClearScores:
     similarity_sum: float
 
 
+@dataclass(frozen=True, eq=False)
+class ClearMatches:
+    """What CLEAR matches, row by row and object by object.
+
+    Attributes:
+        track_row: (n_truth_rows,) the track row matched to every truth row, -1 for none.
+        switched: (n_truth_rows,) whether the match is an identity switch.
+        n_matched, n_starts: (n_objects,) matched rows, and their uninterrupted stretches.
+        similarity_sum: sum of the matches' similarities.
+    """
+
+    track_row: Ints
+    switched: NDArray[np.bool_]
+    n_matched: Ints
+    n_starts: Ints
+    similarity_sum: float
+
+
 def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
     """CLEAR scores of one sequence; a match needs a similarity of at least `threshold`."""
+    return clear_of(sequence, clear_matches(sequence, threshold))
+
+
+def clear_matches(sequence: Sequence, threshold: float = 0.5) -> ClearMatches:
+    """The matches that `clear(sequence, threshold)` counts."""
     cut = threshold - _EPSILON
     pairs = sequence.pairs if cut > 0.0 else sequence.every_pair
     # TrackEval passes over frames without truth or without tracks: they interrupt nothing.
     both = (np.diff(sequence.truth_start) > 0) & (np.diff(sequence.track_start) > 0)
-    n_matched, n_starts, idsw, similarity_sum = _follow(
-        np.flatnonzero(both),
-        sequence.truth_start,
-        sequence.truth,
-        sequence.track_start,
-        sequence.track,
-        pairs,
-        cut,
-        sequence.n_objects,
+    return ClearMatches(
+        *_follow(
+            np.flatnonzero(both),
+            sequence.truth_start,
+            sequence.truth,
+            sequence.track_start,
+            sequence.track,
+            pairs,
+            cut,
+            sequence.n_objects,
+        )
     )
-    fraction = n_matched / np.diff(sequence.object_start)
-    tp = int(n_matched.sum())
+
+
+def clear_of(sequence: Sequence, matches: ClearMatches) -> ClearScores:
+    """CLEAR scores of a sequence that is matched already."""
+    fraction = matches.n_matched / np.diff(sequence.object_start)
+    tp = int(matches.n_matched.sum())
     mt = int(np.sum(fraction > _MOSTLY_TRACKED))
     pt = int(np.sum(fraction >= _PARTLY_TRACKED)) - mt
     return _scores(
-        idsw=int(idsw),
+        idsw=int(matches.switched.sum()),
         tp=tp,
         fn=len(sequence.truth) - tp,
         fp=len(sequence.track) - tp,
         mt=mt,
         pt=pt,
         ml=sequence.n_objects - mt - pt,
-        frag=int(np.maximum(n_starts - 1, 0).sum()),
-        similarity_sum=similarity_sum,
+        frag=int(np.maximum(matches.n_starts - 1, 0).sum()),
+        similarity_sum=matches.similarity_sum,
     )
 
 
@@ -144,17 +174,13 @@ def _follow(
     pairs: Pairs,
     cut: float,
     n_objects: int,
-) -> tuple[Ints, Ints, int, float]:
-    """Match frame by frame, at similarities of at least `cut`, and count on the way.
-
-    Returns each object's matched rows and uninterrupted stretches (n_objects,), the switches, and
-    the sum of the matches' similarities.
-    """
+) -> tuple[Ints, NDArray[np.bool_], Ints, Ints, float]:
+    """Match frame by frame, at similarities of at least `cut`; returns what `ClearMatches` has."""
     matched = np.full(len(truth), -1)
     score = np.zeros(len(pairs.row))
     n_matched, n_starts = np.zeros(n_objects, np.int64), np.zeros(n_objects, np.int64)
     last_track, last_step = np.full(n_objects, -1), np.full(n_objects, -2)
-    idsw = 0
+    track_row, switched = np.full(len(truth), -1), np.zeros(len(truth), np.bool_)
     total = 0.0
     for step in range(len(frames)):
         frame = frames[step]
@@ -173,9 +199,10 @@ def _follow(
                 continue
             obj, index = truth[row], track[pairs.row[pair]]
             n_matched[obj] += 1
-            idsw += last_track[obj] >= 0 and last_track[obj] != index
+            track_row[row] = pairs.row[pair]
+            switched[row] = last_track[obj] >= 0 and last_track[obj] != index
             n_starts[obj] += last_step[obj] != step - 1
             last_track[obj], last_step[obj] = index, step
             in_frame += pairs.similarity[pair]
         total += in_frame
-    return n_matched, n_starts, idsw, total
+    return track_row, switched, n_matched, n_starts, total
