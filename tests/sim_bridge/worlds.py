@@ -16,6 +16,8 @@ SUMO = tuple(name for name in scenarios.list() if scenarios.load(name).source ==
 """Every scenario of the catalogue on SUMO: a new one cannot escape the tests of them all."""
 
 CAR = (4.5, 1.8, 1.5)  # length, width, height [m]
+BUS = (12.0, 2.5, 3.0)
+ROOF_SENSOR = (0.0, 0.0, 1.73)  # [m] KITTI's LiDAR height
 
 
 @cache
@@ -74,6 +76,11 @@ def corners(boxes: FloatArray) -> FloatArray:
     across = width / 2 * np.array([1, 1, -1, -1])
     turned = (along + 1j * across) * np.exp(1j * yaw) + x + 1j * y
     return np.stack([turned.real, turned.imag], axis=-1)
+
+
+def on_ground(x: float, y: float, yaw: float, size: tuple[float, float, float]) -> list[float]:
+    """A box's centre x, y, z [m], yaw [rad], length, width, height [m]."""
+    return [x, y, size[2] / 2, yaw, *size]
 
 
 def convoy(
