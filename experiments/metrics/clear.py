@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 from scipy.optimize import linear_sum_assignment
 
-from experiments.metrics.matching import Floats, Ints, Sequence, TruthRows, ratio
+from experiments.metrics.boxes import Floats, Ints
+from experiments.metrics.matching import Sequence, TruthRows, ratio
 
 _CONTINUATION = 1000.0
 """Reward of continuing a match, in units of similarity: more than any frame's similarities sum to

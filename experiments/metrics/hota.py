@@ -18,7 +18,8 @@ import numpy as np
 from numba import njit
 from scipy.optimize import linear_sum_assignment
 
-from experiments.metrics.matching import Floats, Ints, Sequence, TruthRows
+from experiments.metrics.boxes import Floats, Ints
+from experiments.metrics.matching import Sequence, TruthRows
 
 ALPHAS: Floats = np.arange(0.05, 0.99, 0.05)
 """(19,) similarity thresholds 0.05, 0.10, ..., 0.95, rounded as TrackEval's."""

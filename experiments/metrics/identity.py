@@ -17,7 +17,8 @@ from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-from experiments.metrics.matching import Floats, Ints, Sequence, TruthRows, ratio
+from experiments.metrics.boxes import Floats, Ints
+from experiments.metrics.matching import Sequence, TruthRows, ratio
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """Rows of truth and tracks into a `Sequence`: what the metrics see of one sequence.
 
 Objects and tracks get dense indices, frames become slices of flat arrays, and every frame has a
-matrix of similarities between its objects and its tracks. From bird's-eye centres a distance d [m]
-becomes the similarity max(0, 1 - d / scale).
+matrix of similarities between its objects and its tracks: made from their boxes, or given.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence as ListLike
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,11 +15,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
-
-CENTRE_SCALE = 2.0
-"""Distance [m] at which two centres stop being similar: 1 m apart is similarity 0.5."""
+from experiments.metrics.boxes import (
+    CENTRE_SCALE,
+    Floats,
+    Ints,
+    Similarity,
+    as_boxes,
+    similarities,
+)
 
 _SIMILARITY_ROUNDING = 1e-9
 """An intersection over union of equal boxes may exceed 1 by rounding, not by more than this."""
@@ -152,14 +155,15 @@ class Sequence:
 def sequence_from_rows(
     truth_frame: ArrayLike,
     truth_id: ArrayLike,
-    truth_xy: ArrayLike,
+    truth_boxes: ArrayLike,
     track_frame: ArrayLike,
     track_id: ArrayLike,
-    track_xy: ArrayLike,
+    track_boxes: ArrayLike,
     n_frames: int,
+    similarity: Similarity = "centre",
     scale: float = CENTRE_SCALE,
 ) -> Sequence:
-    """Build a `Sequence` whose similarity is that of bird's-eye centres, max(0, 1 - d / scale).
+    """Build a `Sequence` from boxes, of which `similarity` tells what they hold and compares.
 
     Rows may come in any order; they are sorted by (frame, id), so that the scores depend on
     nothing else.
@@ -167,51 +171,98 @@ def sequence_from_rows(
     Args:
         truth_frame: (n_truth_rows,) frame of each truth row, 0..n_frames-1.
         truth_id: (n_truth_rows,) any int64, once per frame at most.
-        truth_xy: (n_truth_rows, 2) centres [m].
+        truth_boxes: (n_truth_rows, len(COLUMNS[similarity])) its columns; centre: x, y [m].
         track_frame: (n_track_rows,) as `truth_frame`.
         track_id: (n_track_rows,) as `truth_id`.
-        track_xy: (n_track_rows, 2) centres [m].
+        track_boxes: (n_track_rows, len(COLUMNS[similarity])) as `truth_boxes`.
         n_frames: number of frames, empty ones included.
-        scale: distance [m] from which the similarity is 0.
+        similarity: centre, bird, box or image; see `experiments.metrics.boxes`.
+        scale: of centre alone: distance [m] from which the similarity is 0.
 
     Raises:
-        ValueError: unequal lengths, a frame outside the sequence, a position that is not finite,
-            an id twice in one frame (naming frame and id), or a scale that is not positive.
+        ValueError: unequal lengths, a frame outside the sequence, a box that is not finite or has
+            a negative size, an id twice in one frame (naming frame and id), an unknown similarity,
+            or a scale that is not positive.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"scale must be a positive distance in metres, not {scale}")
     if n_frames < 0:
         raise ValueError(f"n_frames must not be negative, not {n_frames}")
-    truth_start, truth, truth_centre, n_objects = _sorted_rows(
-        "truth", truth_frame, truth_id, truth_xy, n_frames
+    truth_start, truth, truth_rows, n_objects = _sorted_rows(
+        "truth", truth_frame, truth_id, truth_boxes, n_frames, similarity
     )
-    track_start, track, track_centre, n_tracks = _sorted_rows(
-        "track", track_frame, track_id, track_xy, n_frames
+    track_start, track, track_rows, n_tracks = _sorted_rows(
+        "track", track_frame, track_id, track_boxes, n_frames, similarity
     )
-    similarity = _centre_similarity(truth_start, truth_centre, track_start, track_centre, scale)
-    return Sequence(truth_start, truth, track_start, track, similarity, n_objects, n_tracks)
+    values = similarities(similarity, truth_start, truth_rows, track_start, track_rows, scale)
+    return Sequence(truth_start, truth, track_start, track, values, n_objects, n_tracks)
+
+
+def sequence_from_matrices(
+    truth_id: ListLike[ArrayLike], track_id: ListLike[ArrayLike], similarity: ListLike[ArrayLike]
+) -> Sequence:
+    """Build a `Sequence` from similarities that are there already, one entry per frame.
+
+    Rows keep their order in the frame, which decides between equally good matches.
+
+    Args:
+        truth_id: of each frame (n_objects_in_frame,) any int64, once per frame at most.
+        track_id: of each frame (n_tracks_in_frame,) likewise.
+        similarity: of each frame (n_objects_in_frame, n_tracks_in_frame), 0 to 1.
+
+    Raises:
+        ValueError: unequal numbers of frames, a matrix that does not fit its ids (naming the
+            frame), or what `Sequence` refuses.
+    """
+    if not len(truth_id) == len(track_id) == len(similarity):
+        raise ValueError(
+            f"{len(truth_id)} frames of truth, {len(track_id)} of tracks and {len(similarity)} of "
+            "similarities: expected as many of each"
+        )
+    truth_start, truth, n_objects = _dense_indices("truth_id", truth_id)
+    track_start, track, n_tracks = _dense_indices("track_id", track_id)
+    flat = [np.zeros(0)]
+    for k, matrix in enumerate(similarity):
+        values = np.asarray(matrix, dtype=np.float64)
+        expected = int(np.diff(truth_start)[k]), int(np.diff(track_start)[k])
+        if values.shape != expected:
+            raise ValueError(
+                f"similarity of frame {k} has shape {values.shape}, expected {expected}"
+            )
+        flat.append(values.ravel())
+    return Sequence(
+        truth_start, truth, track_start, track, np.concatenate(flat), n_objects, n_tracks
+    )
+
+
+def _dense_indices(name: str, ids: ListLike[ArrayLike]) -> tuple[Ints, Ints, int]:
+    """Offsets of the frames, indices of the ids and their number."""
+    frames = [_as_int64(f"{name} of frame {k}", frame) for k, frame in enumerate(ids)]
+    start = np.cumsum([0, *map(len, frames)], dtype=np.int64)
+    known, index = np.unique(np.concatenate([np.zeros(0, np.int64), *frames]), return_inverse=True)
+    return start, index.astype(np.int64), len(known)
 
 
 def _sorted_rows(
-    name: str, frame: ArrayLike, identity: ArrayLike, xy: ArrayLike, n_frames: int
+    name: str,
+    frame: ArrayLike,
+    identity: ArrayLike,
+    boxes: ArrayLike,
+    n_frames: int,
+    similarity: Similarity,
 ) -> tuple[Ints, Ints, Floats, int]:
-    """Offsets, dense indices, centres and number of ids of one table, sorted by (frame, id)."""
+    """Offsets, dense indices, boxes and number of ids of one table, sorted by (frame, id)."""
     frames = _as_int64(f"{name}_frame", frame)
     ids = _as_int64(f"{name}_id", identity)
-    centres = np.asarray(xy, dtype=np.float64)
-    if len(ids) != len(frames) or (centres.shape != (len(frames), 2) and len(frames)):
+    if not len(frames) == len(ids) == len(np.asarray(boxes)):
         raise ValueError(
-            f"{name}: {len(frames)} frames, {len(ids)} ids and positions of shape "
-            f"{centres.shape}: expected n, n and (n, 2)"
+            f"{name}: {len(frames)} frames, {len(ids)} ids and boxes of shape "
+            f"{np.shape(boxes)}: expected as many of each"
         )
+    rows = as_boxes(name, boxes, similarity, lambda row: f"id {ids[row]} in frame {frames[row]}")
     if len(frames) and not (frames.min() >= 0 and frames.max() < n_frames):
         bad = frames[(frames < 0) | (frames >= n_frames)][0]
         raise ValueError(f"{name}: frame {bad} is outside 0..{n_frames - 1}")
-    if not np.isfinite(centres).all():
-        bad = np.flatnonzero(~np.isfinite(centres).all(axis=1))[0]
-        raise ValueError(
-            f"{name}: the position of id {ids[bad]} in frame {frames[bad]} is not finite"
-        )
     order = np.lexsort((ids, frames))
     frames, ids = frames[order], ids[order]
     twice = np.flatnonzero((np.diff(frames) == 0) & (np.diff(ids) == 0))
@@ -219,7 +270,7 @@ def _sorted_rows(
         raise ValueError(f"{name}: id {ids[twice[0]]} occurs twice in frame {frames[twice[0]]}")
     known, index = np.unique(ids, return_inverse=True)
     start = np.searchsorted(frames, np.arange(n_frames + 1)).astype(np.int64)
-    return start, index.astype(np.int64), centres.reshape(-1, 2)[order], len(known)
+    return start, index.astype(np.int64), rows[order], len(known)
 
 
 def _as_int64(name: str, values: ArrayLike) -> Ints:
@@ -264,24 +315,3 @@ def _first_repeated_row(start: Ints, index: Ints, n: int) -> int:
                 return row
             last_frame[index[row]] = frame
     return -1
-
-
-@njit(cache=True)
-def _centre_similarity(
-    truth_start: Ints, truth_xy: Floats, track_start: Ints, track_xy: Floats, scale: float
-) -> Floats:
-    n_entries = 0
-    for frame in range(len(truth_start) - 1):
-        n_entries += (truth_start[frame + 1] - truth_start[frame]) * (
-            track_start[frame + 1] - track_start[frame]
-        )
-    similarity = np.empty(n_entries)
-    entry = 0
-    for frame in range(len(truth_start) - 1):
-        for i in range(truth_start[frame], truth_start[frame + 1]):
-            for j in range(track_start[frame], track_start[frame + 1]):
-                dx = truth_xy[i, 0] - track_xy[j, 0]
-                dy = truth_xy[i, 1] - track_xy[j, 1]
-                similarity[entry] = max(0.0, 1.0 - np.sqrt(dx * dx + dy * dy) / scale)
-                entry += 1
-    return similarity

@@ -39,9 +39,9 @@ def small(**changes: Any) -> Sequence:
 def test_similarity_falls_from_one_to_zero_over_the_scale() -> None:
     """Centres 0, 1, 2 and 5 m apart at a scale of 2 m, and 1 m apart at 4 m."""
     distances = np.array([0.0, 1.0, 2.0, 5.0])
-    track_xy = np.stack((0.6 * distances, 0.8 * distances), axis=1)
+    track_boxes = np.stack((0.6 * distances, 0.8 * distances), axis=1)
     frames, ids = np.arange(4), np.zeros(4, int)
-    built = sequence_from_rows(frames, ids, np.zeros((4, 2)), frames, ids, track_xy, 4)
+    built = sequence_from_rows(frames, ids, np.zeros((4, 2)), frames, ids, track_boxes, 4)
     np.testing.assert_allclose(built.similarity, [1.0, 0.5, 0.0, 0.0], atol=1e-15)
     wide = sequence_from_rows([0], [0], [[0.0, 0.0]], [0], [0], [[0.0, 1.0]], 1, scale=4.0)
     np.testing.assert_array_equal(wide.similarity, [0.75])
@@ -79,10 +79,10 @@ def test_the_order_of_rows_does_not_matter() -> None:
 GOOD: dict[str, Any] = {
     "truth_frame": [0, 0, 1],
     "truth_id": [7, 8, 8],
-    "truth_xy": np.zeros((3, 2)),
+    "truth_boxes": np.zeros((3, 2)),
     "track_frame": [0],
     "track_id": [-5],
-    "track_xy": np.zeros((1, 2)),
+    "track_boxes": np.zeros((1, 2)),
     "n_frames": 2,
 }
 
@@ -92,14 +92,20 @@ GOOD: dict[str, Any] = {
     [
         ({"truth_id": [7, 7, 8]}, r"truth: id 7 occurs twice in frame 0"),
         (
-            {"track_frame": [1, 1], "track_id": [-5, -5], "track_xy": np.zeros((2, 2))},
+            {"track_frame": [1, 1], "track_id": [-5, -5], "track_boxes": np.zeros((2, 2))},
             r"track: id -5 occurs twice in frame 1",
         ),
         ({"truth_frame": [0, 0, 2]}, r"truth: frame 2 is outside 0\.\.1"),
         ({"track_frame": [-1]}, r"track: frame -1 is outside 0\.\.1"),
-        ({"track_xy": [[0.0, np.nan]]}, r"track: the position of id -5 in frame 0 is not finite"),
-        ({"truth_id": [7, 8]}, r"truth: 3 frames, 2 ids and positions of shape \(3, 2\)"),
-        ({"truth_xy": np.zeros((3, 3))}, r"positions of shape \(3, 3\)"),
+        (
+            {"track_boxes": [[0.0, np.nan]]},
+            r"track: id -5 in frame 0 has y nan, expected a finite number",
+        ),
+        ({"truth_id": [7, 8]}, r"truth: 3 frames, 2 ids and boxes of shape \(3, 2\)"),
+        (
+            {"truth_boxes": np.zeros((3, 3))},
+            r"truth: boxes of shape \(3, 3\), expected \(n, 2\) for similarity centre: x, y",
+        ),
         ({"truth_id": [7.5, 8.0, 8.0]}, r"truth_id must be one-dimensional int64, not float64"),
         ({"scale": 0.0}, r"scale must be a positive distance in metres, not 0\.0"),
         ({"n_frames": -1}, r"n_frames must not be negative, not -1"),
