@@ -68,7 +68,10 @@ class Answer:
             rows = [row for row in self.recorded.rows if row["rules"] == rules.name]
             yield scores_table(title, rows, [e for e in published if e.rules == rules.name])
         if gaps := self.gaps():
-            yield gap_table(f"{self.detector.name}, occlusion {occlusion}: errors in gaps", gaps)
+            title = f"{self.detector.name}, occlusion {occlusion}: errors in {gaps[0]['gaps']} gaps"
+            yield gap_table(title, gaps)
+        elif self.plan.occlusion.kind != "none":
+            yield f"{self.detector.name}: no object has detections enough for {occlusion}\n"
         for rules in self.plan.rules if self.simulated else ():
             rows = self.comparison(rules.name)
             title = f"{self.detector.name}, rules {rules.name}: recorded against simulated"

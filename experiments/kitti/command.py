@@ -93,8 +93,9 @@ def kitti(
     out: Annotated[
         Path | None,
         typer.Option(
+            file_okay=False,
             help="Folder for results.parquet and tracks/FILTER/data/SSSS.txt; with several folders"
-            " of detections, DETECTOR/tracks."
+            " of detections, DETECTOR/tracks.",
         ),
     ] = None,
     as_json: Json = False,

@@ -29,18 +29,20 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
             row[f"{name}_recorded"] = real[name]
             row[f"{name}_simulated"] = float(np.mean([other[name] for other in made]))
         for name in SCORES:
-            apart = mean_interval([other[name] - real[name] for other in made])
+            values = np.array([other[name] for other in made], dtype=np.float64)  # None is NaN
+            apart = mean_interval(values - (np.nan if real[name] is None else real[name]))
             row[f"{name}_recorded"] = real[name]
-            row[f"{name}_simulated"] = real[name] + apart.mean
-            row[f"{name}_difference"] = apart.mean
-            row[f"{name}_difference_low"] = None if np.isnan(apart.low) else apart.low
-            row[f"{name}_difference_high"] = None if np.isnan(apart.high) else apart.high
+            row[f"{name}_simulated"] = _told(mean_interval(values).mean)
+            row[f"{name}_difference"] = _told(apart.mean)
+            row[f"{name}_difference_low"] = _told(apart.low)
+            row[f"{name}_difference_high"] = _told(apart.high)
         rows.append(row)
     for name in SCORES:
         for side in ("recorded", "simulated"):
-            values = [row[f"{name}_{side}"] for row in rows]
-            for row, value in zip(rows, values, strict=True):
-                row[f"{name}_{side}_rank"] = 1 + sum(other > value for other in values)
+            scores = [row[f"{name}_{side}"] for row in rows]
+            for row, value in zip(rows, scores, strict=True):
+                better = [other for other in scores if None not in (other, value) and other > value]
+                row[f"{name}_{side}_rank"] = None if value is None else 1 + len(better)
     return rows
 
 
@@ -53,11 +55,15 @@ def verdict(rows: Rows) -> str:
     told = []
     for name in SCORES:
         apart = [row[f"{name}_difference"] for row in rows]
-        within = sum(abs(value) <= POINTS for value in apart)
+        within = sum(value is not None and abs(value) <= POINTS for value in apart)
         line = f"{name.upper()} within {POINTS:g} points for {within} of {len(rows)} filters"
-        if len(rows) > 1:
+        if len(rows) > 1 and None not in apart:
             sides = ([row[f"{name}_{side}"] for row in rows] for side in ("recorded", "simulated"))
             tau = kendalltau(*sides).statistic
             line += ", no ranks" if np.isnan(tau) else f", ranks alike with tau {tau:+.2f}"
         told.append(line)
     return "; ".join(told)
+
+
+def _told(value: float) -> float | None:
+    return None if np.isnan(value) else value

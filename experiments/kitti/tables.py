@@ -1,7 +1,6 @@
 """Scores on recorded detections on the terminal, with what others published beside them."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isnan
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -80,7 +79,8 @@ def gap_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
         title_justify="left",
         caption="Means with 95 % intervals by bootstrap over objects. error: of the tracks, while"
         " they live; drift: of the filter alone, in every gap, labels telling which detection is"
-        f" whose; captured, deleted, lost: percent of {rows[0]['gaps']} gaps' followed tracks.",
+        " whose. captured, deleted, lost: percent of the followed tracks that took another"
+        " detection in the gap, ended in it, were not with their object afterwards.",
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
@@ -126,7 +126,7 @@ def comparison_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
         for column in SCORES:
             for side in ("recorded", "simulated"):
                 value, rank = row[f"{column}_{side}"], row[f"{column}_{side}_rank"]
-                cells.append(f"{_number(value, 2)} ({rank})")
+                cells.append("–" if value is None else f"{value:.2f} ({rank})")
             cells.append(_with_interval(row, f"{column}_difference", "+"))
         for column in COUNTS:
             cells += [_number(row[f"{column}_recorded"], 0), _number(row[f"{column}_simulated"], 1)]
@@ -143,12 +143,12 @@ def _add_published(table: Table, entries: Iterable[Published]) -> None:
 
 
 def _number(value: float | None, decimals: int, missing: str = "–") -> str:
-    return missing if value is None or isnan(value) else f"{value:.{decimals}f}"
+    return missing if value is None else f"{value:.{decimals}f}"
 
 
 def _with_interval(row: Mapping[str, Any], column: str, sign: str) -> str:
     value, low, high = row[column], row[f"{column}_low"], row[f"{column}_high"]
-    if value is None or isnan(value):
+    if value is None:
         return "–"
     text = f"{value:{sign}.2f}"
-    return text if low is None or isnan(low) else f"{text} \\[{low:{sign}.2f}, {high:{sign}.2f}]"
+    return text if low is None else f"{text} \\[{low:{sign}.2f}, {high:{sign}.2f}]"

@@ -243,7 +243,7 @@ def test_occlusion_is_where_filters_differ(root: Path, mdkf_command: Mdkf) -> No
     assert ca["against"] == 0
     assert md["against"] == pytest.approx(md["drift"] - ca["drift"])
     shown = mdkf_command("kitti", *only, "--occlusion", "mid:20").out
-    assert "errors in gaps" in shown
+    assert "errors in 2 gaps" in shown
     assert "occlusion mid:20:35" in shown
 
 
@@ -268,6 +268,29 @@ def test_simulated_detections_stand_beside_recorded_ones(root: Path, mdkf_comman
     shown = mdkf_command("kitti", *only, "--rules", "paper", "--simulated").out
     assert "recorded against simulated" in shown
     assert "within 2 points" in shown
+
+
+def test_nothing_detected_is_no_value_not_an_error(
+    root: Path, mdkf_command: Mdkf, tmp_path: Path
+) -> None:
+    """An empty file of detections: every car is missed, an empty file is written, and what has no
+    value is a dash, also beside simulated detections."""
+    (root / "detections" / "pvcnn" / "0003.txt").write_text("")
+    options = ("--detections", root / "detections" / "pvcnn", "--filters", "ca,md", "--out", "out")
+    more = ("--simulated", "--seeds", 2, "--occlusion", "mid:20", "--rules", "exact")
+    document = answered(mdkf_command("kitti", *options, *more, "--json"))
+    for row in document["rows"][:2]:
+        assert (row["hota"], row["fn"], row["fp"]) == (0, 2 * FRAMES, 0)
+        assert row["assa"] is row["motp"] is None
+    assert [row["hota_recorded"] for row in document["comparisons"]] == [0, 0]
+    assert (tmp_path / "out" / "tracks" / "ca" / "data" / "0003.txt").read_text() == ""
+    shown = mdkf_command("kitti", *options, *more).out
+    assert "–" in shown
+    assert "no object has detections enough for mid:20:35" in shown
+    (root / "label_02" / "0003.txt").write_text("")  # nor is anything labelled
+    document = answered(mdkf_command("kitti", *options, *more, "--json"))
+    assert {row["hota_difference"] for row in document["comparisons"]} == {None}
+    assert mdkf_command("kitti", *options, *more).status == 0
 
 
 def test_a_file_chooses_the_sequences(root: Path, mdkf_command: Mdkf, tmp_path: Path) -> None:
@@ -298,6 +321,7 @@ def test_a_file_chooses_the_sequences(root: Path, mdkf_command: Mdkf, tmp_path: 
         (("--occlusion", "middle:20"), "occlusion 'middle:20', expected KIND:LENGTH"),
         (("--position", "middle"), "position"),
         (("--seeds", "0"), "--seeds"),
+        (("--out", __file__), "is a file"),
     ],
 )
 def test_bad_input_is_one_line(
