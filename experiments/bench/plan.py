@@ -35,5 +35,5 @@ class Plan:
     simulated: float = 60.0
 
 
-QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50)
+QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50, scored=200)
 """A look at all sizes in some seconds."""
