@@ -5,13 +5,13 @@
     box     intersection over union of upright rotated boxes, in space
     image   intersection over union of axis-aligned rectangles in an image
 
-In the frame of rectangle a, there |x| <= A and |y| <= B, the boundary of rectangle b
-gives, counter-clockwise, by Green's theorem
+The area that rectangles a and b share is an integral along the edges of b (Green's theorem): in the
+frame of a, which is |x| <= A, |y| <= B,
 
-    |a and b| = - closed integral over the boundary of b, inside |x| <= A, of clip(y, -B, B) dx
+    |a and b| = - integral of clip(y, -B, B) dx over the part |x| <= A of b's boundary
 
-No corner of the intersection is ever computed, so parallel edges are no special case. Coordinates
-are relative to a, so that boxes far from the origin lose nothing.
+counter-clockwise. No corner of the intersection is ever computed, so parallel edges are no special
+case; and coordinates are relative to a, so boxes far from the origin lose nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -189,38 +189,53 @@ def _pairs(
 ) -> tuple[Ints, Ints, Floats]:
     start = np.zeros(len(a) + 1, np.int64)
     row, similarity = np.empty(0, np.int64), np.empty(0)
+    in_image = code in (_IMAGE, _COVERAGE)
     radius_a, radius_b = _radius(code, a, scale), _radius(code, b, scale)
     n = 0
     for frame in range(len(a_start) - 1):
         first, last = b_start[frame], b_start[frame + 1]
         for i in range(a_start[frame], a_start[frame + 1]):
             if n + last - first > len(row):
-                room = np.empty(len(row) + len(a) + last - first, np.int64)
-                room[:n] = row[:n]
-                row, wide = room, np.empty(len(room))
-                wide[:n] = similarity[:n]
-                similarity = wide
+                room = 2 * len(row) + last - first
+                row, similarity = _resized(row, n, room), _resized(similarity, n, room)
             for j in range(first, last):
-                dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], radius_a[i] + radius_b[j]
-                if dx * dx + dy * dy < reach * reach:
+                if in_image:
+                    near = a[i, 0] < b[j, 2] and b[j, 0] < a[i, 2]
+                    near = near and a[i, 1] < b[j, 3] and b[j, 1] < a[i, 3]
+                else:
+                    dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
+                    reach = radius_a[i] + radius_b[j]
+                    near = dx * dx + dy * dy < reach * reach
+                if near:
                     value = _similarity(code, a[i], b[j], scale)
                     if value > 0.0:
                         row[n], similarity[n] = j, value
                         n += 1
             start[i + 1] = n
-    return start, row[:n].copy(), similarity[:n].copy()
+    return start, _resized(row, n, n), _resized(similarity, n, n)
+
+
+@njit(cache=True)
+def _resized(values: NDArray[Any], n: int, room: int) -> NDArray[Any]:
+    """The first `n` values in an array that has room for `room`."""
+    result = np.empty(room, values.dtype)
+    result[:n] = values[:n]
+    return result
 
 
 @njit(cache=True, error_model="numpy")
 def _radius(code: int, boxes: Floats, scale: float) -> Floats:
-    """(n,) rows whose x, y are not closer than the sum of their radii have nothing in common."""
+    """(n,) rows on the ground that are not closer than their radii together have nothing in common.
+
+    In an image none is needed: the borders tell as much.
+    """
     if code == _CENTRE:
         return np.full(len(boxes), scale / 2)
     if code == _BIRD:
         return np.hypot(boxes[:, 3], boxes[:, 4]) / 2
     if code == _BOX:
         return np.hypot(boxes[:, 4], boxes[:, 5]) / 2
-    return np.full(len(boxes), np.inf)
+    return np.zeros(0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -322,9 +337,9 @@ def _below(x0: float, y0: float, x1: float, y1: float, A: float, B: float) -> fl
         return 0.0
     y_begin = y0 + (begin - x0) / (x1 - x0) * (y1 - y0)
     y_end = y1 + (end - x1) / (x1 - x0) * (y1 - y0)
-    low, high = min(max(y_begin, -B), B), min(max(y_end, -B), B)
-    mean = low + high
-    if low != high:
+    first, last = min(max(y_begin, -B), B), min(max(y_end, -B), B)
+    height = first + last  # twice the mean
+    if first != last:
         # The parts outside the strip count with its border, by their share of the edge.
-        mean += (low - high) * (mean - (y_begin + y_end)) / (y_end - y_begin)
-    return 0.5 * mean * (end - begin)
+        height += (first - last) * (height - (y_begin + y_end)) / (y_end - y_begin)
+    return 0.5 * height * (end - begin)

@@ -109,7 +109,7 @@ def hota(sequence: Sequence) -> HotaScores:
         sequence.track,
         sequence.track_count,
         pairs,
-        *_similarity_sums(sequence.truth_start, sequence.track_start, pairs),
+        *similarity_sums(sequence.truth_start, sequence.track_start, pairs),
     )
     matched = _match(sequence.truth_start, sequence.track_start, pairs, score)
     hits = np.flatnonzero(matched >= 0)
@@ -174,7 +174,7 @@ def _ratios(numerator: Floats | Ints, denominator: Ints) -> Floats:
 
 
 @njit(cache=True)
-def _similarity_sums(truth_start: Ints, track_start: Ints, pairs: Pairs) -> tuple[Floats, Floats]:
+def similarity_sums(truth_start: Ints, track_start: Ints, pairs: Pairs) -> tuple[Floats, Floats]:
     """Sums of each frame's matrix: of its rows (n_truth_rows,) and of its columns (n_track_rows,).
 
     Added in numpy's order: between interchangeable tracks only rounding decides which is matched.
@@ -191,17 +191,17 @@ def _similarity_sums(truth_start: Ints, track_start: Ints, pairs: Pairs) -> tupl
                 track_sum[pairs.row[k]] += pairs.similarity[k]
             if end - begin > 2:  # of two numbers the order does not matter
                 column = pairs.row[begin:end] - first_track
-                truth_sum[i] = sum_as_numpy(column, pairs.similarity[begin:end], n_tracks)
+                truth_sum[i] = _sum_as_numpy(column, pairs.similarity[begin:end], n_tracks)
         if n_tracks == 1:
             # ... but for one column alone, which lies in memory like a row.
             row = np.flatnonzero(np.diff(pairs.start[first : last + 1]))
             value = pairs.similarity[pairs.start[first] : pairs.start[last]]
-            track_sum[first_track] = sum_as_numpy(row, value, last - first)
+            track_sum[first_track] = _sum_as_numpy(row, value, last - first)
     return truth_sum, track_sum
 
 
 @njit(cache=True)
-def sum_as_numpy(place: Ints, value: Floats, n: int) -> float:
+def _sum_as_numpy(place: Ints, value: Floats, n: int) -> float:
     """The sum of an array of n numbers rounded as numpy's: pairwise, in blocks of at most 128.
 
     place: rising indices of the numbers that are not 0; value: those numbers.
@@ -211,8 +211,8 @@ def sum_as_numpy(place: Ints, value: Floats, n: int) -> float:
     if n > 128:
         half = n // 2 - n // 2 % 8
         split = np.searchsorted(place, half)
-        head = sum_as_numpy(place[:split], value[:split], half)
-        return float(head + sum_as_numpy(place[split:] - half, value[split:], n - half))
+        head = _sum_as_numpy(place[:split], value[:split], half)
+        return float(head + _sum_as_numpy(place[split:] - half, value[split:], n - half))
     # Eight partial sums of every eighth number, then what eight does not divide.
     part = np.zeros(8)
     in_parts = n - n % 8 if n >= 8 else 0
