@@ -26,7 +26,7 @@ from experiments import terminal
 from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
 from experiments.occlusion import OcclusionProtocol
-from experiments.options import GapTruth, Json, NoCache, busy, gap_truth_option, simulated
+from experiments.options import GapTruth, Json, NoCache, busy, chosen_gap_truth, simulated
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
@@ -148,7 +148,7 @@ def run(
         detector=detector,
         settings=_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=_occlusion(occlusion),
-        gap_truth=gap_truth_option(gap_truth),
+        gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
     )
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
