@@ -25,8 +25,17 @@ from experiments import run as runs
 from experiments import terminal
 from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
-from experiments.occlusion import OcclusionProtocol
-from experiments.options import GapTruth, Json, NoCache, busy, chosen_gap_truth, simulated
+from experiments.kitti.command import export, kitti
+from experiments.options import (
+    GapTruth,
+    Json,
+    NoCache,
+    busy,
+    chosen_filters,
+    chosen_gap_truth,
+    chosen_occlusion,
+    simulated,
+)
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
@@ -144,10 +153,10 @@ def run(
     plan = runs.Plan(
         scenarios=_scenarios(names or list(runs.SCENARIOS)),
         seeds=tuple(range(seeds)),
-        filters=_filters(filters),
+        filters=chosen_filters(filters),
         detector=detector,
         settings=_settings(settings or sim_bridge.detector_name(detector)),
-        occlusion=_occlusion(occlusion),
+        occlusion=chosen_occlusion(occlusion),
         gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
     )
@@ -207,7 +216,7 @@ def detect(
     occlusion: Occlusion = "none",
 ) -> None:
     """Detect a trace's objects; optionally hide some by the occlusion protocol."""
-    protocol = _occlusion(occlusion)
+    protocol = chosen_occlusion(occlusion)
     detections = sim_bridge.detect(sim_bridge.read_table(trace, Trace), detector, seed)
     _write(detections if protocol.kind == "none" else protocol.apply(detections), out)
 
@@ -249,6 +258,8 @@ app.command(
 app.command(
     name="check-detector", epilog="Example: mdkf check-detector pointrcnn --root KITTI --split val"
 )(check_detector)
+app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
+app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
 app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
@@ -261,16 +272,6 @@ def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:
     return chosen
 
 
-def _filters(text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
-    for name in names:
-        try:
-            mdkf.estimator(name)
-        except ValueError as error:
-            raise typer.BadParameter(str(error)) from None
-    return names
-
-
 def _settings(name: str) -> str:
     """The name of a tracker's settings: as the user chose, or the detector's own."""
     name = FOLDERS.get(name, name)
@@ -280,13 +281,6 @@ def _settings(name: str) -> str:
             f"no tracker settings for {name!r}; choose with --settings one of: {known}"
         )
     return name
-
-
-def _occlusion(text: str) -> OcclusionProtocol:
-    try:
-        return OcclusionProtocol.parse(text)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
 
 
 def _parameters(settings: list[str] | None) -> Mapping[str, float]:

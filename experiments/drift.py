@@ -58,6 +58,15 @@ def drift(
     return pl.DataFrame(columns)
 
 
+def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.DataFrame:
+    """`gap_errors` with the column `drift` of the same objects and frames, null where there is
+    none, and past the first `length` frames of a gap: a natural absence can stretch it to minutes,
+    and the experiment is about `length` frames."""
+    both = errors.join(drifts, on=["object_id", "frame"], how="left", maintain_order="left")
+    stretched = (pl.col("phase") == "gap") & (pl.col("offset") >= length)
+    return both.with_columns(drift=pl.when(~stretched).then("drift"))
+
+
 def _positions(table: Trace | Detections, ids: IntArray, owner: IntArray) -> FloatArray:
     """Positions (n_frames, n_objects, 2) [m] of some objects, NaN where they have no row."""
     positions = np.full((table.n_frames, len(ids), 2), np.nan)

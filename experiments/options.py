@@ -1,4 +1,4 @@
-"""What several commands share: options, a spinner while one works, and simulated worlds."""
+"""What several commands share: options and what they mean, a spinner, and simulated worlds."""
 
 from contextlib import nullcontext
 from typing import Annotated, Any
@@ -6,7 +6,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+import mdkf
 import sim_bridge
+from experiments.occlusion import OcclusionProtocol
 from mdkf import Trace
 from scenarios import Scenario
 
@@ -26,6 +28,25 @@ def chosen_gap_truth(text: str) -> Any:
     if text not in ("keep", "ignore"):
         raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")
     return text
+
+
+def chosen_filters(text: str) -> tuple[str, ...]:
+    """Names of filters from a comma-separated list, each once; refuses what is none."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        try:
+            mdkf.estimator(name)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+    return names
+
+
+def chosen_occlusion(text: str) -> OcclusionProtocol:
+    """The occlusion protocol KIND:LENGTH[:WARMUP]; refuses what is none."""
+    try:
+        return OcclusionProtocol.parse(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 def simulated(scenario: Scenario, seed: int, no_cache: bool, dt: float = 0.1) -> Trace:

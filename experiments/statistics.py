@@ -9,6 +9,7 @@ from scipy import stats
 from mdkf.tables import FloatArray
 
 CONFIDENCE = 0.95
+RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,28 @@ def mean_interval(values: ArrayLike) -> Interval:
         return Interval(mean, float("nan"), float("nan"), 1)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * stats.sem(kept))
     return Interval(mean, mean - half, mean + half, n)
+
+
+def clustered_interval(sums: ArrayLike, counts: ArrayLike) -> Interval:
+    """Mean of values in clusters of values that depend on each other, such as the frames of one
+    object, with the percentile interval of a bootstrap over clusters.
+
+    sums, counts (clusters,): of the values of each. n is the number of clusters with a value.
+    """
+    total = np.asarray(sums, dtype=np.float64)
+    weight = np.asarray(counts, dtype=np.float64)
+    total, weight = total[weight > 0], weight[weight > 0]
+    n = len(weight)
+    if n == 0:
+        return Interval(float("nan"), float("nan"), float("nan"), 0)
+    mean = float(total.sum() / weight.sum())
+    if n == 1:
+        return Interval(mean, float("nan"), float("nan"), 1)
+    # Always the same draws: two calls give the same interval, paired ones are of the same clusters.
+    drawn = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
+    means = total[drawn].sum(axis=1) / weight[drawn].sum(axis=1)
+    low, high = np.quantile(means, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
+    return Interval(mean, float(low), float(high), n)
 
 
 def mean_intervals(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -12,11 +12,11 @@ from typing import Any
 
 import polars as pl
 
-from experiments.drift import drift
+from experiments.drift import drift, with_drift
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from experiments.score import score
-from mdkf import DETECTORS, Detections, Tracker, Tracks, estimator
+from mdkf import DETECTORS, Detections, Tracker, TrackerSettings, Tracks, estimator
 from scenarios import Scenario
 from sim_bridge import SeedRefused, TraceCache, detect, simulate, write_table
 
@@ -83,12 +83,7 @@ def run_world(world: World) -> Outcome:
         alone = drift(
             trace, occluded, scores.gaps, estimator(filter_name), DETECTORS[world.settings]
         )
-        both = scores.errors.join(
-            alone, on=["object_id", "frame"], how="left", maintain_order="left"
-        )
-        # A natural absence can stretch a gap to minutes; the experiment is about `length` frames.
-        stretched = (pl.col("phase") == "gap") & (pl.col("offset") >= world.occlusion.length)
-        both = both.with_columns(drift=pl.when(~stretched).then("drift"))
+        both = with_drift(scores.errors, alone, world.occlusion.length)
         in_gap = both.filter(pl.col("phase") == "gap")["drift"].mean()
         which = {"scenario": name, "seed": seed, "filter": filter_name}
         row = {**which, **scores.summary(), "drift": math.nan if in_gap is None else in_gap}
@@ -101,7 +96,9 @@ def run_world(world: World) -> Outcome:
     return Outcome(name, seed, rows, pl.concat(errors), pl.concat(bins))
 
 
-def timed_tracks(filter_name: str, settings: str, detections: Detections) -> tuple[Tracks, float]:
+def timed_tracks(
+    filter_name: str, settings: str | TrackerSettings, detections: Detections
+) -> tuple[Tracks, float]:
     """The tracks, and the tracker's CPU time per frame [ms] with its kernels already compiled."""
     tracker = Tracker(estimator(filter_name), settings)
     tracker.run(replace(detections.between(0, 3), n_frames=3))

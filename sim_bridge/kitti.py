@@ -1,17 +1,10 @@
 """Recorded KITTI tracking data into the tables that simulations give: a trace, and detections.
 
-A box's centre and the direction in which it looks, both in the axes of the camera of frame k
-(x right, y down, z forward), become with the calibration C (camera -> LiDAR) and the pose R_k, t_k
-
-    p_world = R_k (C p_camera) + t_k + (0, 0, SENSOR_HEIGHT),   p_camera = bottom - (0, h / 2, 0)
-    yaw = atan2(y, x) of R_k (C d_camera) without C's shift,    d_camera = (cos ry, 0, -sin ry)
-
-The world has the LiDAR's axes in frame 0 (x forward, y left, z up), with the ground under it at
-z = 0 as in every simulated trace. Boxes stand upright: how the road tilts them is dropped.
+How a box gets from a camera's axes into the world is told in `sim_bridge.kitti_rig`.
 """
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,19 +22,18 @@ from mdkf.tables import (
     IntArray,
     Trace,
 )
-from scenarios.kitti import FRAME_TIME, SENSOR_HEIGHT
+from scenarios.kitti import FRAME_TIME
 from sim_bridge.frames import frames_of
 from sim_bridge.kitti_files import (
     CameraBoxes,
     KittiError,
     read_bytes,
-    read_calibration,
     read_detections,
     read_labels,
-    read_poses,
     read_sequences,
     read_unlabelled,
 )
+from sim_bridge.kitti_rig import Rig, file_of
 from sim_bridge.line_of_sight import CONTACT, visible_fractions
 
 GATE = 2.0
@@ -72,12 +64,12 @@ def kitti_trace(root: str | Path, sequence: str, dt: float = FRAME_TIME) -> Trac
     """
     root = Path(root)
     n_frames = _n_frames(root, sequence)
-    path = _file(root, "label_02", sequence)
+    path = file_of(root, "label_02", sequence)
     labels = read_labels(path, n_frames)
-    rig = _Rig.read(root, sequence, n_frames)
+    rig = Rig.read(root, sequence, n_frames)
     provenance = {
         "scenario": f"kitti-{sequence}",
-        "identity": _identity(root, sequence),
+        "identity": recording_identity(root, sequence),
         "source": "kitti",
         "simulator": "recorded",
         "kinematics": "labels",
@@ -134,11 +126,11 @@ def kitti_detections(
     folder = detector if isinstance(detector, Path) else _known_detector(root, detector)
     path = folder / f"{sequence}.txt"
     found = read_detections(path, trace.n_frames)
-    boxes = _Rig.read(root, sequence, trace.n_frames).world_boxes(found)
+    boxes = Rig.read(root, sequence, trace.n_frames).world_boxes(found)
     source = _sources(found.frame, np.column_stack([boxes["x"], boxes["y"]]), trace)
     kept = np.ones(len(source), dtype=np.bool_)
     if not unlabelled:
-        areas = read_unlabelled(_file(root, "label_02", sequence), trace.n_frames)
+        areas = read_unlabelled(file_of(root, "label_02", sequence), trace.n_frames)
         kept = (source != CLUTTER) | ~_within(found, *areas)
     columns = {"frame": found.frame, **boxes, "score": found.last, "source": source}
     return Detections.from_columns(
@@ -173,61 +165,12 @@ def _n_frames(root: Path, sequence: str) -> int:
     return known[sequence]
 
 
-def _file(root: Path, folder: str, sequence: str) -> Path:
-    return root / folder / f"{sequence}.txt"
-
-
-def _identity(root: Path, sequence: str) -> str:
+def recording_identity(root: Path, sequence: str) -> str:
     """SHA-256 of the sequence's name and of the files that its trace is made of."""
     digest = hashlib.sha256(sequence.encode())
     for folder in ("label_02", "calib", "pose"):
-        digest.update(hashlib.sha256(read_bytes(_file(root, folder, sequence))).digest())
+        digest.update(hashlib.sha256(read_bytes(file_of(root, folder, sequence))).digest())
     return digest.hexdigest()
-
-
-@dataclass(frozen=True, eq=False)
-class _Rig:
-    """Where LiDAR and camera are: camera (4, 4) camera -> LiDAR, and in each frame the LiDAR's
-    rotation (n_frames, 3, 3) and position (n_frames, 3) [m] in the world."""
-
-    camera: FloatArray
-    rotation: FloatArray
-    position: FloatArray
-
-    @staticmethod
-    def read(root: Path, sequence: str, n_frames: int) -> "_Rig":
-        camera = read_calibration(_file(root, "calib", sequence))
-        rotation, translation = read_poses(_file(root, "pose", sequence), n_frames)
-        return _Rig(camera, rotation, translation + np.array([0.0, 0.0, SENSOR_HEIGHT]))
-
-    def lidar(self) -> dict[str, FloatArray]:
-        """The LiDAR's x, y, z [m] and yaw [rad] in every frame, each (n_frames,)."""
-        yaw = _yaw(self.rotation[:, :, 0])
-        return {**dict(zip("xyz", self.position.T, strict=True)), "yaw": yaw}
-
-    def world_boxes(self, boxes: CameraBoxes) -> dict[str, FloatArray]:
-        """Centres x, y, z [m], yaw [rad] and sizes [m] of boxes in the world, each (n,)."""
-        centre = boxes.bottom.copy()
-        centre[:, 1] -= boxes.height / 2
-        zero = np.zeros(len(boxes.ry))
-        ahead = np.column_stack([np.cos(boxes.ry), zero, -np.sin(boxes.ry)])
-        rotation = self.rotation[boxes.frame]
-        by_lidar = centre @ self.camera[:3, :3].T + self.camera[:3, 3]
-        position = np.einsum("nij,nj->ni", rotation, by_lidar) + self.position[boxes.frame]
-        direction = np.einsum("nij,nj->ni", rotation, ahead @ self.camera[:3, :3].T)
-        return {
-            **dict(zip("xyz", position.T, strict=True)),
-            "yaw": _yaw(direction),
-            "length": boxes.length,
-            "width": boxes.width,
-            "height": boxes.height,
-        }
-
-
-def _yaw(direction: FloatArray) -> FloatArray:
-    """Angle (n,) on the ground of directions (n, 3), in (-pi, pi]."""
-    yaw = np.arctan2(direction[:, 1], direction[:, 0])
-    return np.where(yaw == -np.pi, np.pi, yaw)
 
 
 def _refuse_sensor_inside(

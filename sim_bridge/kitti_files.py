@@ -126,6 +126,11 @@ def read_calibration(path: Path) -> FloatArray:
     return np.linalg.inv(rectification @ mounting).astype(np.float64, copy=False)
 
 
+def read_projection(path: Path) -> FloatArray:
+    """(3, 4): P2, rectified camera [m] -> pixels of image_02 [px] times the depth [m]."""
+    return _matrix(path, "P2", 4, rotates=False)
+
+
 def read_bytes(path: Path) -> bytes:
     """A file's content; `KittiError` where it is missing or unreadable."""
     try:
@@ -259,8 +264,9 @@ def _is_number(word: str) -> bool:
         return False
 
 
-def _matrix(path: Path, key: str, columns: int) -> FloatArray:
-    """The (3, columns) matrix of a calibration file's line `KEY: numbers`; R in front."""
+def _matrix(path: Path, key: str, columns: int, rotates: bool = True) -> FloatArray:
+    """The (3, columns) matrix of a calibration file's line `KEY: numbers`; R in front of one that
+    rotates."""
     for k, line in enumerate(_lines(path)):
         name, _, rest = line.partition(":")
         if name.strip() == key:
@@ -272,7 +278,7 @@ def _matrix(path: Path, key: str, columns: int) -> FloatArray:
                 if not _is_number(word):
                     raise KittiError(f"{where} holds {word[:40]!r}, expected numbers")
             matrix = np.array([float(word) for word in words]).reshape(3, columns)
-            if not _is_rotation(matrix[None, :, :3])[0]:
+            if rotates and not _is_rotation(matrix[None, :, :3])[0]:
                 raise KittiError(f"{where} is no rotation matrix")
             return matrix
     raise KittiError(f"{path}: no line {key}:")

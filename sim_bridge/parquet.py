@@ -71,6 +71,14 @@ def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
     return table
 
 
+def read_any_table(path: str | Path) -> Table:
+    """Read a table of whatever type its file says; `TableError` as `read_table`."""
+    kind = _TABLES.get(str(_read(Path(path))[0]["table"]))
+    if kind is None:
+        raise TableError(f"{path}: expected one of the tables {', '.join(_TABLES)}")
+    return read_table(path, kind)
+
+
 def write_frame(data: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write a polars frame as Parquet, whole or not at all; `OSError` names the file."""
     with replacing(path) as temporary:

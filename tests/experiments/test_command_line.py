@@ -27,7 +27,7 @@ from tests.experiments.commands import (
 
 COMMANDS = (
     *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
-    *("fit-detector", "check-detector"),
+    *("fit-detector", "check-detector", "kitti", "export"),
 )
 KEYS = {
     *("scenario", "filter", "seeds", "hota", "mota", "idf1", "idsw"),

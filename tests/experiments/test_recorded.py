@@ -16,7 +16,7 @@ import sim_bridge
 from experiments.worlds.describe import describe
 from mdkf import Tracks
 from tests.experiments.commands import Mdkf, assert_refused
-from tests.sim_bridge.test_kitti import STILL, detection, files, label, written
+from tests.sim_bridge.kitti_folder import STILL, detection, files, label, written
 
 FRAMES = 90
 

@@ -11,6 +11,7 @@ from scipy import stats
 from mdkf.tables import CLUTTER, FloatArray, Trace
 from sim_bridge import detect
 from sim_bridge.lidar import HDL_64E
+from tests.sim_bridge.beams import cast_counts
 from tests.sim_bridge.measured import (
     MAX_RANGE,
     autocorrelation,
@@ -19,7 +20,6 @@ from tests.sim_bridge.measured import (
     quiet,
     with_columns,
 )
-from tests.sim_bridge.test_point_count import cast_counts
 from tests.sim_bridge.worlds import CAR, SIZE, convoy
 
 # --- what is never seen ---------------------------------------------------------------------

@@ -16,7 +16,11 @@ from mdkf.tables import KINDS, REGIMES, FloatArray, Trace
 from scenarios import HighwayScenario, ScenarioError
 from sim_bridge import SeedRefused, SimulationError, check_inputs, simulate
 from sim_bridge.highway import FREQUENCY, run_highway
-from tests.sim_bridge.worlds import by_object, neighbours
+from tests.sim_bridge.worlds import (
+    assert_velocity_acceleration_and_jerk,
+    assert_yaw_rate,
+    neighbours,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [n for n in scenarios.list() if scenarios.load(n).source == "highway-env"]
@@ -52,21 +56,8 @@ def speed_of(trace: Trace) -> FloatArray:
 
 def test_columns_are_derivatives_of_the_path(fine: Trace) -> None:
     """Central differences of 100 Hz positions are v, a and j; those of the yaw the yaw rate."""
-    order = by_object(fine)
-    whole = fine.object_id[order][4:] == fine.object_id[order][:-4]
-    before2, before, here, after, after2 = (order[k : len(order) - 4 + k][whole] for k in range(5))
-    assert len(here) > 0.99 * len(fine)
-    for axis in "xy":
-        p = getattr(fine, axis)
-        p = p - p.mean()
-        v = (p[after] - p[before]) / (2 * FINE)
-        a = (p[after] - 2 * p[here] + p[before]) / FINE**2
-        j = (p[after2] - 2 * p[after] + 2 * p[before] - p[before2]) / (2 * FINE**3)
-        for name, measured, allowed in (("v", v, 1e-3), ("a", a, 1e-2), ("j", j, 5e-2)):
-            column = getattr(fine, f"{name}{axis}")[here]
-            assert np.abs(measured - column).max() < allowed, f"{name}{axis}"
-    turned = np.angle(np.exp(1j * (fine.yaw[after] - fine.yaw[before])))
-    assert np.abs(turned / (2 * FINE) - fine.yaw_rate[here]).max() < 1e-3
+    assert_velocity_acceleration_and_jerk(fine)
+    assert_yaw_rate(fine)
 
 
 def test_motion_is_physical(fine: Trace) -> None:

@@ -13,8 +13,16 @@ import pytest
 
 import scenarios
 import sim_bridge
+from experiments.metrics import image_iou
 from mdkf.tables import CLUTTER, Detections, FloatArray, Trace
 from sim_bridge import kitti_detections, kitti_trace
+from sim_bridge.kitti_files import (
+    read_detections,
+    read_labels,
+    read_projection,
+    read_sequences,
+)
+from sim_bridge.kitti_image import KITTI_PICTURE, NEAR, Camera, in_picture, pictures
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDED = Path(os.environ.get("MDKF_KITTI", ROOT.parent / "shared" / "kitti"))
@@ -138,3 +146,60 @@ def test_every_sequence_is_a_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
         if sequence in SOME:
             found = sim_bridge.detect(trace, "recorded:pvcnn")
             assert found == detections_of("pvcnn", sequence)
+
+
+def test_recorded_boxes_are_projected_onto_their_own_boxes_in_the_picture() -> None:
+    """From the world back into the picture, pointrcnn's boxes are its files' own to 0.2 px, 0.002
+    px in the median (it cuts all at 1242 x 375), for all 40765; the others', which were projected
+    from unrounded boxes, to 4 px, 0.06 px in the median, wherever they are all in front of the
+    camera: what reaches behind it they project mirrored."""
+    sequences = read_sequences(RECORDED)
+    sizes = pictures(RECORDED, sequences)
+    for detector, median, most in (
+        ("pointrcnn", 0.003, 0.2),
+        ("pvcnn", 0.1, 4.0),
+        ("second_iou", 0.1, 4.0),
+    ):
+        apart, rows = [], 0
+        for name, n_frames in sequences.items():
+            picture = KITTI_PICTURE if detector == "pointrcnn" else sizes[name]
+            camera = Camera.read(RECORDED, name, n_frames, picture)
+            path = RECORDED / "detections" / detector / f"{name}.txt"
+            own = read_detections(path, n_frames)
+            world = camera.rig.world_boxes(own)
+            table = Detections.from_columns(
+                {**world, "frame": own.frame, "score": own.last, "source": own.line},
+                n_frames=n_frames,
+                dt=0.1,
+            )
+            boxes = camera.boxes(table)
+            assert len(boxes.row) == len(own.line)  # each is in the picture
+            mine = table.source[boxes.row] - 1
+            reach = np.hypot(own.length, own.width) / 2
+            front = (own.bottom[:, 2] - reach)[mine] > NEAR
+            np.testing.assert_allclose(boxes.bottom, own.bottom[mine], atol=1e-6)
+            apart.append(np.abs(boxes.image - own.image[mine]).max(axis=1)[front])
+            rows += front.sum()
+        assert rows > 30_000
+        assert np.median(np.concatenate(apart)) < median
+        assert np.concatenate(apart).max() < most
+
+
+def test_labels_that_reach_behind_the_camera_are_drawn_where_people_drew_them() -> None:
+    """Of the boxes that may, being half a diagonal away or nearer, half overlap the label in the
+    picture by more than 0.9. The pictures end where KITTI's do."""
+    sequences = read_sequences(RECORDED)
+    sizes = pictures(RECORDED, sequences)
+    known = {(1241, 374), (1223, 369), (1237, 373), (1240, 375)}  # as KITTI's pictures are
+    assert {(picture.right, picture.bottom) for picture in sizes.values()} == known
+    overlaps = []
+    for name, n_frames in sequences.items():
+        labels = read_labels(RECORDED / "label_02" / f"{name}.txt", n_frames)
+        projection = read_projection(RECORDED / "calib" / f"{name}.txt")
+        size = np.column_stack([labels.length, labels.height, labels.width])
+        inside, image = in_picture(labels.bottom, size, labels.ry, projection, sizes[name])
+        reach = np.hypot(labels.length, labels.width) / 2
+        behind = np.flatnonzero(inside & (labels.bottom[:, 2] < reach))
+        overlaps += [image_iou(image[k : k + 1], labels.image[k : k + 1])[0, 0] for k in behind]
+    assert len(overlaps) > 100
+    assert np.median(overlaps) > 0.9

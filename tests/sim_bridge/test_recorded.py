@@ -1,6 +1,6 @@
 """Claim: a recorded sequence is a scenario, and its recorded detections are a detector, by name.
 
-The recordings are made by hand, as in `test_kitti`; `MDKF_KITTI` names their folder.
+The recordings are made by hand, as in `kitti_folder`; `MDKF_KITTI` names their folder.
 """
 
 import json
@@ -15,7 +15,7 @@ import scenarios
 import sim_bridge
 from scenarios import KittiScenario, ScenarioError
 from sim_bridge import ProfileError, SimulationError, kitti_detections, kitti_trace
-from tests.sim_bridge.test_kitti import STILL, detection, files, label, written
+from tests.sim_bridge.kitti_folder import STILL, detection, files, label, written
 
 FRAMES = 5
 OWN = "closed-form", "highway-env", "sumo"

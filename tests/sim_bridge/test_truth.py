@@ -21,7 +21,14 @@ from scenarios import Scenario, StaticBox
 from sim_bridge import SeedRefused, SimulationError, detect, simulate, write_table
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.sumo import run_sumo
-from tests.sim_bridge.worlds import SUMO, by_object, corners, neighbours, world
+from tests.sim_bridge.worlds import (
+    SUMO,
+    assert_velocity_acceleration_and_jerk,
+    assert_yaw_rate,
+    corners,
+    neighbours,
+    world,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 EGO = (4.6, 1.85)  # length, width in every route file [m]
@@ -57,21 +64,8 @@ def test_columns_are_derivatives_of_the_path(both: tuple[Trace, Trace]) -> None:
     """First, second and third central differences of 100 Hz positions are v, a and j; those of
     the yaw are the yaw rate. Two rows at either end of a life have no such differences."""
     fine, _ = both
-    order = by_object(fine)
-    whole = fine.object_id[order][4:] == fine.object_id[order][:-4]
-    np.testing.assert_array_equal(np.diff(fine.frame[order])[:-3][whole], 1)
-    before2, before, here, after, after2 = (order[k : len(order) - 4 + k][whole] for k in range(5))
-    assert len(here) > 0.99 * len(fine)
-    for axis in "xy":
-        p = getattr(fine, axis)
-        v = (p[after] - p[before]) / (2 * FINE)
-        a = (p[after] - 2 * p[here] + p[before]) / FINE**2
-        j = (p[after2] - 2 * p[after] + 2 * p[before] - p[before2]) / (2 * FINE**3)
-        for name, measured, allowed in (("v", v, 1e-3), ("a", a, 1e-2), ("j", j, 5e-2)):
-            column = getattr(fine, f"{name}{axis}")[here]
-            assert np.abs(measured - column).max() < allowed, f"{name}{axis}"
-    turned = np.angle(np.exp(1j * (fine.yaw[after] - fine.yaw[before])))
-    assert np.abs(turned / (2 * FINE) - fine.yaw_rate[here]).max() < 1e-3
+    assert_velocity_acceleration_and_jerk(fine)
+    assert_yaw_rate(fine)
 
 
 def test_the_frame_rate_changes_no_number(both: tuple[Trace, Trace]) -> None:

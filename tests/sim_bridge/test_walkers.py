@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.lib.stride_tricks import sliding_window_view
 
 import scenarios
 import sim_bridge
@@ -18,6 +17,7 @@ from mdkf import KINDS, REGIMES, Trace
 from mdkf.tables import FloatArray
 from scenarios import Pause, Scenario, ScenarioError, Walker
 from sim_bridge import SeedRefused
+from tests.sim_bridge.worlds import assert_velocity_acceleration_and_jerk
 
 ALONE = scenarios.load("stationary", x=200.0, y=200.0)
 LINE = ((5.0, 20.0), (15.0, 20.0))
@@ -142,16 +142,8 @@ def test_pauses_are_stood_through() -> None:
 def test_columns_are_derivatives_of_the_path(path: tuple[tuple[float, float], ...]) -> None:
     """Everywhere, the beginnings and ends of every change of speed included, and on a walk of only
     0.2 m: first, second and third central differences of 100 Hz positions are v, a and j."""
-    own = walk(Walker(path, 1.3, start=0.7, pauses=(Pause(3.0, 1.0), Pause(3.2, 1.0))))
-    h = own.dt
-    for axis in "xy":
-        before2, before, here, after, after2 = sliding_window_view(getattr(own, axis), 5).T
-        v = (after - before) / (2 * h)
-        a = (after - 2 * here + before) / h**2
-        j = (after2 - 2 * after + 2 * before - before2) / (2 * h**3)
-        for name, measured, allowed in (("v", v, 1e-3), ("a", a, 1e-2), ("j", j, 5e-2)):
-            column = getattr(own, f"{name}{axis}")[2:-2]
-            np.testing.assert_allclose(measured, column, atol=allowed, rtol=0)
+    pauses = (Pause(3.0, 1.0), Pause(3.2, 1.0))
+    assert_velocity_acceleration_and_jerk(walk(Walker(path, 1.3, start=0.7, pauses=pauses)))
 
 
 def test_frames_lie_on_one_curve() -> None:

@@ -16,6 +16,8 @@ SUMO = tuple(name for name in scenarios.list() if scenarios.load(name).source ==
 """Every scenario of the catalogue on SUMO: a new one cannot escape the tests of them all."""
 
 CAR = (4.5, 1.8, 1.5)  # length, width, height [m]
+BUS = (12.0, 2.5, 3.0)
+ROOF_SENSOR = (0.0, 0.0, 1.73)  # [m] KITTI's LiDAR height
 
 
 @cache
@@ -36,6 +38,37 @@ def neighbours(trace: Trace) -> tuple[IntArray, IntArray]:
     return order[:-1][same], order[1:][same]
 
 
+def stencil(trace: Trace) -> IntArray:
+    """Five rows (5, n) that follow each other in one object's life, for every row in the middle of
+    such five: all rows but two at either end of a life, of which there must be frames enough."""
+    order = by_object(trace)
+    rows = np.stack([order[k : len(order) - 4 + k] for k in range(5)])
+    rows = rows[:, trace.object_id[rows[0]] == trace.object_id[rows[4]]]
+    np.testing.assert_array_equal(np.diff(trace.frame[rows], axis=0), 1)
+    assert rows.shape[1] > 0.99 * len(trace)
+    return rows
+
+
+def assert_velocity_acceleration_and_jerk(trace: Trace) -> None:
+    """First, second and third central differences of a 100 Hz trace's positions are v, a and j."""
+    h, (before2, before, here, after, after2) = trace.dt, stencil(trace)
+    for axis in "xy":
+        p = getattr(trace, axis)
+        v = (p[after] - p[before]) / (2 * h)
+        a = (p[after] - 2 * p[here] + p[before]) / h**2
+        j = (p[after2] - 2 * p[after] + 2 * p[before] - p[before2]) / (2 * h**3)
+        for name, measured, allowed in (("v", v, 1e-3), ("a", a, 1e-2), ("j", j, 5e-2)):
+            column = getattr(trace, f"{name}{axis}")[here]
+            assert np.abs(measured - column).max() < allowed, f"{name}{axis}"
+
+
+def assert_yaw_rate(trace: Trace) -> None:
+    """Central differences of a 100 Hz trace's yaw are the yaw rate."""
+    _, before, here, after, _ = stencil(trace)
+    turned = np.angle(np.exp(1j * (trace.yaw[after] - trace.yaw[before])))
+    assert np.abs(turned / (2 * trace.dt) - trace.yaw_rate[here]).max() < 1e-3
+
+
 def corners(boxes: FloatArray) -> FloatArray:
     """Corners (n, 4, 2), counter-clockwise, of boxes (n, 5): x, y, yaw, length, width."""
     x, y, yaw, length, width = boxes.T[:, :, None]
@@ -43,6 +76,11 @@ def corners(boxes: FloatArray) -> FloatArray:
     across = width / 2 * np.array([1, 1, -1, -1])
     turned = (along + 1j * across) * np.exp(1j * yaw) + x + 1j * y
     return np.stack([turned.real, turned.imag], axis=-1)
+
+
+def on_ground(x: float, y: float, yaw: float, size: tuple[float, float, float]) -> list[float]:
+    """A box's centre x, y, z [m], yaw [rad], length, width, height [m]."""
+    return [x, y, size[2] / 2, yaw, *size]
 
 
 def convoy(

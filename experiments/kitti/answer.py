@@ -1,0 +1,111 @@
+"""What came of a detector's detections: tables for people, rows for files and programs."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+from rich.console import RenderableType
+
+from experiments.kitti.compare import compared, verdict
+from experiments.kitti.gaps import gap_rows
+from experiments.kitti.published import Published
+from experiments.kitti.recordings import DetectorFolder
+from experiments.kitti.run import Plan, Results
+from experiments.kitti.tables import comparison_table, gap_table, scores_table, scores_title
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The plan's results on one detector's recorded detections, and on simulated ones by seed."""
+
+    plan: Plan
+    detector: DetectorFolder
+    recorded: Results
+    simulated: Sequence[Results]
+    known: Sequence[Published] = ()
+
+    def published(self) -> list[Published]:
+        """What is known of this detector, of the plan's filters and rules."""
+        filters = ("", *self.plan.filters)
+        rules = [each.name for each in self.plan.rules]
+        return [
+            entry
+            for entry in self.known
+            if entry.detector == self.detector.settings
+            and entry.filter in filters
+            and entry.rules in rules
+        ]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each filter, rules and source of detections, "recorded" or "simulated"."""
+        real = [{"detections": "recorded", "seed": None, **row} for row in self.recorded.rows]
+        made = [
+            {"detections": "simulated", "seed": seed, **row}
+            for seed, results in enumerate(self.simulated)
+            for row in results.rows
+        ]
+        return [*real, *made]
+
+    def gaps(self) -> list[dict[str, Any]]:
+        """`gap_rows` of the recorded detections; none without an occlusion protocol."""
+        which = {"detector": self.detector.name, "occlusion": str(self.plan.occlusion)}
+        return [{**which, **row} for row in gap_rows(self.recorded.errors)]
+
+    def comparison(self, rules: str) -> list[dict[str, Any]]:
+        """`compared` rows under some rules."""
+        made = [row for results in self.simulated for row in results.rows]
+        return compared(
+            [row for row in self.recorded.rows if row["rules"] == rules],
+            [row for row in made if row["rules"] == rules],
+        )
+
+    def shown(self) -> Iterator[RenderableType]:
+        """Tables, those of the scores first."""
+        published, occlusion = self.published(), str(self.plan.occlusion)
+        for rules in self.plan.rules:
+            title = scores_title(self.detector.name, rules, occlusion)
+            rows = [row for row in self.recorded.rows if row["rules"] == rules.name]
+            yield scores_table(title, rows, [e for e in published if e.rules == rules.name])
+        if gaps := self.gaps():
+            title = f"{self.detector.name}, occlusion {occlusion}: errors in {gaps[0]['gaps']} gaps"
+            yield gap_table(title, gaps)
+        elif self.plan.occlusion.kind != "none":
+            yield f"{self.detector.name}: no object has detections enough for {occlusion}\n"
+        for rules in self.plan.rules if self.simulated else ():
+            rows = self.comparison(rules.name)
+            title = f"{self.detector.name}, rules {rules.name}: recorded against simulated"
+            yield comparison_table(f"{title} detections, {len(self.simulated)} seeds", rows)
+            yield f"{self.detector.name}, rules {rules.name}: {verdict(rows)}\n"
+
+
+def results_frame(answers: Sequence[Answer]) -> pl.DataFrame:
+    """All rows, one for each detector, filter, rules, occlusion, source of detections and seed."""
+    rows = [row for answer in answers for row in answer.rows()]
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def document(answers: Sequence[Answer]) -> dict[str, Any]:
+    """All results as they go into one JSON document."""
+    return {
+        "rows": [row for answer in answers for row in answer.rows()],
+        "gaps": [row for answer in answers for row in answer.gaps()],
+        "comparisons": [
+            {"detector": answer.detector.name, "rules": rules.name, **row}
+            for answer in answers
+            if answer.simulated
+            for rules in answer.plan.rules
+            for row in answer.comparison(rules.name)
+        ],
+        "published": [
+            {
+                "source": entry.source,
+                "detector": answer.detector.name,
+                "filter": entry.filter or None,
+                "rules": entry.rules,
+                **entry.values,
+            }
+            for answer in answers
+            for entry in answer.published()
+        ],
+    }

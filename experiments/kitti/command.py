@@ -1,0 +1,176 @@
+"""The commands `mdkf kitti` and `mdkf export`."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from experiments.kitti.answer import Answer, document, results_frame
+from experiments.kitti.published import PUBLISHED
+from experiments.kitti.recordings import (
+    detector_folders,
+    read_recordings,
+    recorded_detections,
+    sequences_in,
+    simulated_detections,
+)
+from experiments.kitti.rules import RULES, Rules
+from experiments.kitti.run import Plan, run
+from experiments.options import Json, busy, chosen_filters, chosen_occlusion
+from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
+from mdkf.settings import Confirmation, Position
+from scenarios.kitti import kitti_root
+from sim_bridge import load_profile
+from sim_bridge.kitti_writing import export_kitti
+from sim_bridge.parquet import read_any_table, write_frame
+
+WIDTH = 150
+"""Characters that the tables need: they get them where there is no terminal."""
+
+Root = Annotated[
+    Path | None,
+    typer.Option(
+        help="KITTI's tracking data: label_02, calib, pose, detections. By default where the"
+        " environment variable MDKF_KITTI says."
+    ),
+]
+
+
+def kitti(
+    root: Root = None,
+    detections: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Folder of recorded detections, SSSS.txt each; repeatable. By default all in the"
+            " root's."
+        ),
+    ] = None,
+    split: Annotated[
+        str,
+        typer.Option(
+            metavar="val|train|all|FILE", help="Sequences; a FILE has one at each line's begin."
+        ),
+    ] = "val",
+    filters: Annotated[
+        str, typer.Option(help="Comma-separated names; all filters if not given.")
+    ] = ",".join(estimator_names()),
+    detector: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Whose tracker settings: {', '.join(DETECTORS)}; by default of the folder's name."
+        ),
+    ] = None,
+    rules: Annotated[
+        str,
+        typer.Option(
+            help="Which rows are written and scored, comma-separated; "
+            + "; ".join(f"{each.name}: {each.meaning}" for each in RULES.values())
+            + "."
+        ),
+    ] = "robmot,paper",
+    occlusion: Annotated[
+        str,
+        typer.Option(help="Detections to hide, KIND:LENGTH[:WARMUP] in frames: mid:20; or none."),
+    ] = "none",
+    position: Annotated[
+        Position, typer.Option(help="What a track reports in frames with a detection.")
+    ] = "measurement",
+    confirmation: Annotated[
+        Confirmation, typer.Option(help="Whether a track has rows from before its confirmation.")
+    ] = "retrospective",
+    simulated: Annotated[
+        bool,
+        typer.Option(
+            "--simulated", help="Compare with the simulated detector on the recorded cars."
+        ),
+    ] = False,
+    seeds: Annotated[int, typer.Option(help="Simulations of every sequence.", min=1)] = 5,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            file_okay=False,
+            help="Folder for results.parquet and tracks/FILTER/data/SSSS.txt; with several folders"
+            " of detections, DETECTOR/tracks.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """The filters on recorded KITTI detections, scored by KITTI's own rules."""
+    base = root or kitti_root()
+    options = {"position": position, "confirmation": confirmation}
+    plan = Plan(chosen_filters(filters), _rules(rules), chosen_occlusion(occlusion), options)
+    folders = detector_folders(base, detections or (), detector)
+    profiles = [load_profile(folder.settings) for folder in folders if simulated]
+    with busy("reading the recordings"):
+        sequences = sequences_in(base, split)
+        recordings = read_recordings(base, sequences)
+        found = [recorded_detections(base, folder.path, recordings) for folder in folders]
+    standard = set(sequences) == set(sequences_in(base, "val")) and plan.occlusion.kind == "none"
+    published = PUBLISHED if standard else ()
+    answers = []
+    with _progress(len(folders) * len(plan.filters) * (1 + seeds * simulated)) as progress:
+        for k, folder in enumerate(folders):
+            place = out if out is None or len(folders) == 1 else out / folder.name
+            real = run(plan, folder, recordings, found[k], place, progress)
+            made = []
+            for seed in range(seeds) if simulated else ():
+                sensed = simulated_detections(profiles[k], recordings, seed)
+                made.append(run(plan, folder, recordings, sensed, None, progress))
+            answers.append(Answer(plan, folder, real, made, published))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_frame(results_frame(answers), out / "results.parquet")
+    if as_json:
+        print(json.dumps(document(answers), allow_nan=False))
+        return
+    shown = Console() if Console().is_terminal else Console(width=WIDTH)
+    for answer in answers:
+        for part in answer.shown():
+            shown.print(part, highlight=False)
+    if out is not None:
+        print(out / "results.parquet")
+
+
+def export(
+    table: Annotated[Path, typer.Argument(help="A Parquet file of detections or tracks.")],
+    out: Annotated[Path, typer.Option(help="Folder for SSSS.txt.", file_okay=False)],
+    layout: Annotated[
+        Literal["kitti"], typer.Option("--format", help="Whose format: kitti.")
+    ] = "kitti",
+    root: Root = None,
+) -> None:
+    """Write detections or tracks of a recorded sequence for other trackers and scorers."""
+    read = read_any_table(table)
+    if not isinstance(read, Trace | Detections | Tracks):
+        raise TableError(f"{table}: holds {type(read).__name__}, expected Detections or Tracks")
+    try:
+        print(export_kitti(read, root or kitti_root(), out))
+    except TableError as error:
+        raise TableError(f"{table}: {error}") from None
+
+
+def _rules(text: str) -> tuple[Rules, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        if name not in RULES:
+            raise typer.BadParameter(
+                f"--rules holds {name[:40]!r}, expected some of: {', '.join(RULES)}"
+            )
+    return tuple(RULES[name] for name in names)
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[str], None]]:
+    """A bar on a terminal, moved on by telling what was done last."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("tracking", total=total)
+        yield lambda done: bar.update(task, advance=1, description=done)

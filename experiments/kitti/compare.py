@@ -1,0 +1,69 @@
+"""Scores on recorded against scores on simulated detections of the same recorded cars."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import kendalltau
+
+from experiments.statistics import mean_interval
+
+SCORES = ("hota", "mota")
+COUNTS = ("idsw", "fp", "fn")
+
+POINTS = 2.0
+"""Points of HOTA and MOTA within which simulation is to be of reality."""
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
+    """One row for each filter: of each of `SCORES` the recorded value and the simulated mean over
+    seeds, with ranks among the filters, and their difference with its interval over seeds; of
+    `COUNTS` the values alone. All rows are of one detector and one set of rules."""
+    rows: list[dict[str, Any]] = []
+    for real in recorded:
+        made = [row for row in simulated if row["filter"] == real["filter"]]
+        row: dict[str, Any] = {"filter": real["filter"], "seeds": len(made)}
+        for name in COUNTS:
+            row[f"{name}_recorded"] = real[name]
+            row[f"{name}_simulated"] = float(np.mean([other[name] for other in made]))
+        for name in SCORES:
+            values = np.array([other[name] for other in made], dtype=np.float64)  # None is NaN
+            apart = mean_interval(values - (np.nan if real[name] is None else real[name]))
+            row[f"{name}_recorded"] = real[name]
+            row[f"{name}_simulated"] = _told(mean_interval(values).mean)
+            row[f"{name}_difference"] = _told(apart.mean)
+            row[f"{name}_difference_low"] = _told(apart.low)
+            row[f"{name}_difference_high"] = _told(apart.high)
+        rows.append(row)
+    for name in SCORES:
+        for side in ("recorded", "simulated"):
+            scores = [row[f"{name}_{side}"] for row in rows]
+            for row, value in zip(rows, scores, strict=True):
+                better = [other for other in scores if None not in (other, value) and other > value]
+                row[f"{name}_{side}_rank"] = None if value is None else 1 + len(better)
+    return rows
+
+
+def verdict(rows: Rows) -> str:
+    """How far apart recorded and simulated scores are, and how alike the filters rank, in a line.
+
+    Kendall's tau: 1 where every pair of filters ranks alike, -1 where none does; there is none
+    where all filters score alike.
+    """
+    told = []
+    for name in SCORES:
+        apart = [row[f"{name}_difference"] for row in rows]
+        within = sum(value is not None and abs(value) <= POINTS for value in apart)
+        line = f"{name.upper()} within {POINTS:g} points for {within} of {len(rows)} filters"
+        if len(rows) > 1 and None not in apart:
+            sides = ([row[f"{name}_{side}"] for row in rows] for side in ("recorded", "simulated"))
+            tau = kendalltau(*sides).statistic
+            line += ", no ranks" if np.isnan(tau) else f", ranks alike with tau {tau:+.2f}"
+        told.append(line)
+    return "; ".join(told)
+
+
+def _told(value: float) -> float | None:
+    return None if np.isnan(value) else value

@@ -1,0 +1,184 @@
+"""Detections of recorded sequences through each filter, to scores.
+
+A row is a filter on a detector's detections of all sequences, under one set of rules, scored as
+KITTI scores class car: HOTA, CLEAR and Identity of all sequences together.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from experiments.drift import drift, with_drift
+from experiments.kitti.official import Likeness, official_sequence
+from experiments.kitti.recordings import DetectorFolder, Recording
+from experiments.kitti.rules import Rules
+from experiments.metrics import (
+    clear,
+    combine_clear,
+    combine_hota,
+    combine_identity,
+    hota,
+    identity,
+)
+from experiments.occlusion import OcclusionProtocol, recorded_gaps
+from experiments.phases import gap_errors
+from experiments.world import timed_tracks
+from mdkf import DETECTORS, Detections, TrackerSettings, Tracks, estimator
+from sim_bridge.kitti_image import PictureBoxes
+from sim_bridge.kitti_writing import write_boxes
+
+Progress = Callable[[str], None]
+"""Told what is done each time that a filter is through with a detector."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is done with the detections of a detector.
+
+    options: of `TrackerSettings`, in place of the detector's own.
+    """
+
+    filters: tuple[str, ...]
+    rules: tuple[Rules, ...]
+    occlusion: OcclusionProtocol
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def settings(self, detector: DetectorFolder, rules: Rules) -> TrackerSettings:
+        """The tracker's settings on a detector's detections under some rules."""
+        return rules.settings(replace(DETECTORS[detector.settings], **self.options))
+
+    def folder(self, out: Path, filter_name: str, rules: Rules) -> Path:
+        """Where the files of a filter are: the first rules' by its name alone, as the official
+        scorer shows it."""
+        name = filter_name if rules == self.rules[0] else f"{filter_name}-{rules.name}"
+        return out / "tracks" / name / "data"
+
+
+@dataclass(frozen=True)
+class Results:
+    """rows: one for each filter and rules. errors: `gap_errors` with columns filter, sequence and
+    drift of every filter, under the first rules' settings but whatever they let be written."""
+
+    rows: list[dict[str, Any]]
+    errors: pl.DataFrame
+
+
+def run(
+    plan: Plan,
+    detector: DetectorFolder,
+    recordings: Sequence[Recording],
+    detections: Sequence[Detections],
+    out: Path | None = None,
+    progress: Progress = lambda done: None,
+) -> Results:
+    """Each filter on the detections of all recordings, occluded by the plan's protocol.
+
+    out: folder for the tracks, `tracks/FILTER/data/SSSS.txt`; None: they are not written.
+    """
+    occluded = [plan.occlusion.apply(found) for found in detections]
+    rows: list[dict[str, Any]] = []
+    errors = []
+    for name in plan.filters:
+        by_settings: dict[TrackerSettings, tuple[list[Tracks], float]] = {}
+        for rules in plan.rules:
+            settings = plan.settings(detector, rules)
+            if settings not in by_settings:
+                by_settings[settings] = _tracked(name, settings, occluded)
+            tracks, milliseconds = by_settings[settings]
+            written = [
+                rules.written(table, recording.camera)
+                for table, recording in zip(tracks, recordings, strict=True)
+            ]
+            if out is not None:
+                _write(plan.folder(out, name, rules), recordings, written)
+            which = {"detector": detector.name, "rules": rules.name, "filter": name}
+            row = {**which, "occlusion": str(plan.occlusion), **scores(recordings, written)}
+            rows.append({**row, "ms_per_frame": milliseconds})
+        if plan.occlusion.kind != "none":
+            settings = plan.settings(detector, plan.rules[0])
+            errors.append(
+                _errors(plan, name, settings, recordings, occluded, by_settings[settings][0])
+            )
+        progress(f"{detector.name} {name}")
+    return Results(rows, pl.concat(errors) if errors else pl.DataFrame())
+
+
+def scores(
+    recordings: Sequence[Recording], written: Sequence[tuple[Tracks, PictureBoxes]]
+) -> dict[str, float | None]:
+    """Scores of all sequences together by name; None is "no value".
+
+    hota, deta, assa, mota, motp, idf1 in percent and idsw, fp, fn as KITTI has them, by overlap in
+    the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on the ground.
+    """
+    told: dict[str, float | None] = {}
+    likenesses: tuple[Likeness, ...] = ("image", "ground")
+    for likeness in likenesses:
+        sequences = [
+            official_sequence(recording.labels, boxes, tracks.track_id[boxes.row], likeness)
+            for recording, (tracks, boxes) in zip(recordings, written, strict=True)
+        ]
+        overall = combine_hota([hota(sequence) for sequence in sequences])
+        counts = combine_clear([clear(sequence) for sequence in sequences])
+        identities = combine_identity([identity(sequence) for sequence in sequences])
+        every = {
+            "hota": 100 * overall.hota_mean,
+            "deta": 100 * overall.deta_mean,
+            "assa": 100 * overall.assa_mean,
+            "mota": 100 * counts.mota,
+            "motp": 100 * counts.motp,
+            "idsw": counts.idsw,
+            "fp": counts.fp,
+            "fn": counts.fn,
+            "idf1": 100 * identities.idf1,
+        }
+        if likeness == "image":
+            told |= every
+        else:
+            told |= {f"ground_{name}": every[name] for name in ("hota", "mota", "idsw")}
+    return {name: None if value != value else value for name, value in told.items()}
+
+
+def _tracked(
+    name: str, settings: TrackerSettings, detections: Sequence[Detections]
+) -> tuple[list[Tracks], float]:
+    """The tracks of every sequence, and the tracker's CPU time per frame of all [ms]."""
+    tracks, total = [], 0.0
+    for found in detections:
+        table, milliseconds = timed_tracks(name, settings, found)
+        tracks.append(table)
+        total += milliseconds * found.n_frames
+    return tracks, total / sum(found.n_frames for found in detections)
+
+
+def _write(
+    folder: Path,
+    recordings: Sequence[Recording],
+    written: Sequence[tuple[Tracks, PictureBoxes]],
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for recording, (tracks, boxes) in zip(recordings, written, strict=True):
+        write_boxes(folder / f"{recording.sequence}.txt", tracks, boxes)
+
+
+def _errors(
+    plan: Plan,
+    name: str,
+    settings: TrackerSettings,
+    recordings: Sequence[Recording],
+    occluded: Sequence[Detections],
+    tracks: Sequence[Tracks],
+) -> pl.DataFrame:
+    """Errors around the gaps of all sequences, with the filter's own drift in `length` frames."""
+    parts = []
+    for recording, found, table in zip(recordings, occluded, tracks, strict=True):
+        gaps = recorded_gaps(table, plan.occlusion)
+        followed = gap_errors(recording.trace, table, gaps)
+        alone = drift(recording.trace, found, gaps, estimator(name), settings)
+        labels = [pl.lit(name).alias("filter"), pl.lit(recording.sequence).alias("sequence")]
+        errors = with_drift(followed, alone, plan.occlusion.length)
+        parts.append(errors.select(*labels, pl.all()))
+    return pl.concat(parts)
