@@ -32,8 +32,8 @@ from experiments.options import (
     NoCache,
     busy,
     chosen_filters,
+    chosen_gap_truth,
     chosen_occlusion,
-    gap_truth_option,
     simulated,
 )
 from experiments.paper.command import paper
@@ -157,7 +157,7 @@ def run(
         detector=detector,
         settings=_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=chosen_occlusion(occlusion),
-        gap_truth=gap_truth_option(gap_truth),
+        gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
     )
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

@@ -23,7 +23,7 @@ GapTruth = Annotated[
 ]
 
 
-def gap_truth_option(text: str) -> Any:
+def chosen_gap_truth(text: str) -> Any:
     """What `GapTruth` was given; bad input if it is neither."""
     if text not in ("keep", "ignore"):
         raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")

@@ -12,7 +12,7 @@ import sim_bridge
 from experiments import terminal
 from experiments.bins import GROUPS, check_group
 from experiments.matched import Similarity
-from experiments.options import GapTruth, Json, gap_truth_option
+from experiments.options import GapTruth, Json, chosen_gap_truth
 from experiments.score import score as score_tracks
 from mdkf import Trace, Tracks
 
@@ -40,7 +40,7 @@ def score(
     as_json: Json = False,
 ) -> None:
     """Score tracks against the truth; the gaps are read from the tracks' own file."""
-    rules = {"gap_truth": gap_truth_option(gap_truth), "similarity": _similarity(similarity)}
+    rules = {"gap_truth": chosen_gap_truth(gap_truth), "similarity": _similarity(similarity)}
     groups = [_group(text) for text in by or []]
     truth = sim_bridge.read_table(trace, Trace)
     estimate = sim_bridge.read_table(tracks, Tracks)
