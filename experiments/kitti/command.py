@@ -21,6 +21,7 @@ from experiments.kitti.recordings import (
 )
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
+from experiments.kitti.tables import published_table
 from experiments.options import Json, busy, chosen_filters, chosen_occlusion
 from experiments.terminal import FULL_WIDTH
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
@@ -130,6 +131,10 @@ def kitti(
     for answer in answers:
         for part in answer.shown():
             shown.print(part, highlight=False)
+    known = {folder.settings for folder in folders}
+    others = [entry for entry in published if entry.detector not in known]
+    if others and not detections:
+        shown.print(published_table(others), highlight=False)
     if out is not None:
         print(out / "results.parquet")
 

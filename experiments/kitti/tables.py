@@ -32,7 +32,7 @@ COLUMNS = (
 _SOURCES = {
     ROBMOT: "RobMOT: its own program's tracks",
     AB3DMOT: "AB3DMOT: its own program's tracks",
-    PAPER: "paper: its own runs in RobMOT's framework, on its own machine",
+    PAPER: "paper: its own runs in RobMOT's framework, on its own machine, timed on all sequences",
 }
 
 
@@ -63,6 +63,28 @@ def scores_table(
         table.add_row(escape(row["filter"]), *cells)
         _add_published(table, (entry for entry in published if entry.filter == row["filter"]))
     _add_published(table, (entry for entry in published if not entry.filter))
+    return table
+
+
+def published_table(published: Sequence[Published]) -> Table:
+    """What was published of detectors of which there are no detections here."""
+    names = {column for entry in published for column in entry.values}
+    columns = [column for column in COLUMNS if column[0] in names]
+    table = Table(
+        title="published of other detectors on the val split",
+        title_justify="left",
+        caption="; ".join(_SOURCES[name] for name in {entry.source for entry in published}) + ".",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in ("detector", "filter"):
+        table.add_column(name, no_wrap=True)
+    for _, name, _, _ in columns:
+        table.add_column(name, justify="right", no_wrap=True)
+    for entry in published:
+        cells = [_number(entry.values.get(name), decimals, "") for name, _, decimals, _ in columns]
+        table.add_row(entry.detector, f"{entry.filter} ({entry.source})", *cells)
     return table
 
 
