@@ -21,16 +21,15 @@ from experiments.kitti.recordings import (
 )
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
+from experiments.kitti.tables import published_table
 from experiments.options import Json, busy, chosen_filters, chosen_occlusion
+from experiments.terminal import FULL_WIDTH
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
 from mdkf.settings import Confirmation, Position
 from scenarios.kitti import kitti_root
 from sim_bridge import load_profile
 from sim_bridge.kitti_writing import export_kitti
 from sim_bridge.parquet import read_any_table, write_frame
-
-WIDTH = 150
-"""Characters that the tables need: they get them where there is no terminal."""
 
 Root = Annotated[
     Path | None,
@@ -128,10 +127,14 @@ def kitti(
     if as_json:
         print(json.dumps(document(answers), allow_nan=False))
         return
-    shown = Console() if Console().is_terminal else Console(width=WIDTH)
+    shown = Console() if Console().is_terminal else Console(width=FULL_WIDTH)
     for answer in answers:
         for part in answer.shown():
             shown.print(part, highlight=False)
+    known = {folder.settings for folder in folders}
+    others = [entry for entry in published if entry.detector not in known]
+    if others and not detections:
+        shown.print(published_table(others), highlight=False)
     if out is not None:
         print(out / "results.parquet")
 

@@ -8,11 +8,14 @@ from scipy.stats import kendalltau
 
 from experiments.statistics import mean_interval
 
-SCORES = ("hota", "mota")
-COUNTS = ("idsw", "fp", "fn")
-
 POINTS = 2.0
 """Points of HOTA and MOTA within which simulation is to be of reality."""
+
+OFFICIAL, LABELLED = ("hota", "mota"), ("labelled_hota", "labelled_mota")
+"""Scores that are compared: KITTI's, and those that spare cars in frames without their label."""
+
+SCORES = (*OFFICIAL, *LABELLED)
+COUNTS = ("idsw", "fp", "fn", "labelled_fp")
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -46,23 +49,28 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
     return rows
 
 
-def verdict(rows: Rows) -> str:
+def verdict(rows: Rows, scores: Sequence[str] = OFFICIAL) -> str:
     """How far apart recorded and simulated scores are, and how alike the filters rank, in a line.
 
     Kendall's tau: 1 where every pair of filters ranks alike, -1 where none does; there is none
     where all filters score alike.
     """
     told = []
-    for name in SCORES:
+    for name in scores:
         apart = [row[f"{name}_difference"] for row in rows]
         within = sum(value is not None and abs(value) <= POINTS for value in apart)
-        line = f"{name.upper()} within {POINTS:g} points for {within} of {len(rows)} filters"
+        line = f"{heading(name)} within {POINTS:g} points for {within} of {len(rows)} filters"
         if len(rows) > 1 and None not in apart:
             sides = ([row[f"{name}_{side}"] for row in rows] for side in ("recorded", "simulated"))
             tau = kendalltau(*sides).statistic
             line += ", no ranks" if np.isnan(tau) else f", ranks alike with tau {tau:+.2f}"
         told.append(line)
     return "; ".join(told)
+
+
+def heading(name: str) -> str:
+    """What people call a score."""
+    return name.removeprefix("labelled_").upper()
 
 
 def _told(value: float) -> float | None:

@@ -65,12 +65,17 @@ class Labels:
 
 
 def official_sequence(
-    labels: Labels, tracks: PictureBoxes, track_id: IntArray, likeness: Likeness = "image"
+    labels: Labels,
+    tracks: PictureBoxes,
+    track_id: IntArray,
+    likeness: Likeness = "image",
+    spared: BoolArray | None = None,
 ) -> Sequence:
     """What the metrics see of one sequence under KITTI's rules.
 
     tracks: rows by frame, as they stand in the file that the official scorer reads; track_id
-    (rows,). likeness: of the rows that count, `image` is the intersection over union in the
+    (rows,). spared (rows,): rows that are ignored where they belong to nothing, which KITTI does
+    not know. likeness: of the rows that count, `image` is the intersection over union in the
     picture, `ground` max(0, 1 - d / 2 m) of the distance of the boxes' middles in the camera's
     x-z plane, both in rows' order.
     """
@@ -78,6 +83,7 @@ def official_sequence(
     truth_start = np.searchsorted(labels.boxes.frame, frames)
     track_start = np.searchsorted(tracks.frame, frames)
     area_start = np.searchsorted(labels.area_frame, frames)
+    spare = np.zeros(len(tracks.frame), dtype=np.bool_) if spared is None else spared
     truth_ids, track_ids, similarities = [], [], []
     for k in range(labels.n_frames):
         truth = slice(truth_start[k], truth_start[k + 1])
@@ -85,7 +91,7 @@ def official_sequence(
         area = labels.area[area_start[k] : area_start[k + 1]]
         overlap = image_iou(labels.boxes.image[truth], tracks.image[mine])
         counted = labels.counted[truth]
-        ignored = _ignored(overlap, counted, tracks.image[mine], area)
+        ignored = _ignored(overlap, counted, tracks.image[mine], area, spare[mine])
         if likeness == "ground":
             overlap = _nearness(labels.boxes.bottom[truth], tracks.bottom[mine])
         truth_ids.append(labels.boxes.last[truth][counted].astype(np.int64))
@@ -95,17 +101,22 @@ def official_sequence(
 
 
 def _ignored(
-    overlap: FloatArray, counted: BoolArray, image: FloatArray, area: FloatArray
+    overlap: FloatArray,
+    counted: BoolArray,
+    image: FloatArray,
+    area: FloatArray,
+    spare: BoolArray,
 ) -> BoolArray:
     """Which tracks of a frame are neither right nor wrong, (tracks,).
 
-    overlap (labels, tracks); counted (labels,); image (tracks, 4) and area (areas, 4) [px].
+    overlap (labels, tracks); counted (labels,); image (tracks, 4) and area (areas, 4) [px]; spare
+    (tracks,): whether a track of nothing is ignored anyway.
     """
     enough = np.where(overlap < MATCHED - _EPSILON, 0.0, overlap)
     label, track = linear_sum_assignment(enough, maximize=True)
     matched = enough[label, track] > _EPSILON
     label, track = label[matched], track[matched]
-    ignored = image[:, 3] - image[:, 1] <= MIN_HEIGHT + _EPSILON
+    ignored = spare | (image[:, 3] - image[:, 1] <= MIN_HEIGHT + _EPSILON)
     ignored |= (image_coverage(image, area) > MAX_COVERED + _EPSILON).any(axis=1)
     ignored[track] = ~counted[label]
     return ignored

@@ -6,23 +6,19 @@ KITTI scores class car: HOTA, CLEAR and Identity of all sequences together.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from experiments.drift import drift, with_drift
-from experiments.kitti.official import Likeness, official_sequence
+from experiments.kitti.official import official_sequence
 from experiments.kitti.recordings import DetectorFolder, Recording
 from experiments.kitti.rules import Rules
-from experiments.metrics import (
-    clear,
-    combine_clear,
-    combine_hota,
-    combine_identity,
-    hota,
-    identity,
-)
+from experiments.kitti.unlabelled import without_label
+from experiments.metrics import clear, combine_clear, combine_hota, combine_identity, hota, identity
+from experiments.metrics.matching import Sequence as Matched
 from experiments.occlusion import OcclusionProtocol, recorded_gaps
 from experiments.phases import gap_errors
 from experiments.world import timed_tracks
@@ -112,34 +108,41 @@ def scores(
     """Scores of all sequences together by name; None is "no value".
 
     hota, deta, assa, mota, motp, idf1 in percent and idsw, fp, fn as KITTI has them, by overlap in
-    the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on the ground.
+    the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on the ground;
+    labelled_hota, labelled_mota, labelled_fp without the rows of labelled cars in frames in which
+    they have no label (`experiments.kitti.unlabelled`).
     """
-    told: dict[str, float | None] = {}
-    likenesses: tuple[Likeness, ...] = ("image", "ground")
-    for likeness in likenesses:
-        sequences = [
-            official_sequence(recording.labels, boxes, tracks.track_id[boxes.row], likeness)
-            for recording, (tracks, boxes) in zip(recordings, written, strict=True)
-        ]
-        overall = combine_hota([hota(sequence) for sequence in sequences])
-        counts = combine_clear([clear(sequence) for sequence in sequences])
-        identities = combine_identity([identity(sequence) for sequence in sequences])
-        every = {
-            "hota": 100 * overall.hota_mean,
-            "deta": 100 * overall.deta_mean,
-            "assa": 100 * overall.assa_mean,
-            "mota": 100 * counts.mota,
-            "motp": 100 * counts.motp,
-            "idsw": counts.idsw,
-            "fp": counts.fp,
-            "fn": counts.fn,
-            "idf1": 100 * identities.idf1,
-        }
-        if likeness == "image":
-            told |= every
-        else:
-            told |= {f"ground_{name}": every[name] for name in ("hota", "mota", "idsw")}
-    return {name: None if value != value else value for name, value in told.items()}
+    image, ground, labelled = [], [], []
+    for recording, (tracks, boxes) in zip(recordings, written, strict=True):
+        rows = recording.labels, boxes, tracks.track_id[boxes.row]
+        spared = without_label(recording.trace, tracks)[boxes.row]
+        image.append(official_sequence(*rows))
+        ground.append(official_sequence(*rows, "ground"))
+        labelled.append(official_sequence(*rows, spared=spared))
+    official, on_ground, of_labelled = (_overall(part) for part in (image, ground, labelled))
+    return {
+        **official,
+        **{f"ground_{name}": on_ground[name] for name in ("hota", "mota", "idsw")},
+        **{f"labelled_{name}": of_labelled[name] for name in ("hota", "mota", "fp")},
+    }
+
+
+def _overall(sequences: Sequence[Matched]) -> dict[str, float | None]:
+    """HOTA, CLEAR and Identity of all sequences together, by name."""
+    overall = combine_hota([hota(sequence) for sequence in sequences])
+    counts = combine_clear([clear(sequence) for sequence in sequences])
+    percent = {
+        "hota": overall.hota_mean,
+        "deta": overall.deta_mean,
+        "assa": overall.assa_mean,
+        "mota": counts.mota,
+        "motp": counts.motp,
+        "idf1": combine_identity([identity(sequence) for sequence in sequences]).idf1,
+    }
+    return {
+        **{name: None if isnan(value) else 100 * value for name, value in percent.items()},
+        **{"idsw": counts.idsw, "fp": counts.fp, "fn": counts.fn},
+    }
 
 
 def _tracked(

@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.kitti.compare import COUNTS, SCORES
+from experiments.kitti.compare import heading, verdict
 from experiments.kitti.published import AB3DMOT, PAPER, ROBMOT, Published
 from experiments.kitti.rules import Rules
 from experiments.terminal import best
@@ -32,7 +32,7 @@ COLUMNS = (
 _SOURCES = {
     ROBMOT: "RobMOT: its own program's tracks",
     AB3DMOT: "AB3DMOT: its own program's tracks",
-    PAPER: "paper: its own runs in RobMOT's framework, on its own machine",
+    PAPER: "paper: its own runs in RobMOT's framework, on its own machine, timed on all sequences",
 }
 
 
@@ -52,8 +52,8 @@ def scores_table(
         padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
-    for _, heading, _, _ in COLUMNS:
-        table.add_column(heading, justify="right", no_wrap=True)
+    for _, name, _, _ in COLUMNS:
+        table.add_column(name, justify="right", no_wrap=True)
     leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
     for row in rows:
         cells = []
@@ -63,6 +63,28 @@ def scores_table(
         table.add_row(escape(row["filter"]), *cells)
         _add_published(table, (entry for entry in published if entry.filter == row["filter"]))
     _add_published(table, (entry for entry in published if not entry.filter))
+    return table
+
+
+def published_table(published: Sequence[Published]) -> Table:
+    """What was published of detectors of which there are no detections here."""
+    names = {column for entry in published for column in entry.values}
+    columns = [column for column in COLUMNS if column[0] in names]
+    table = Table(
+        title="published of other detectors on the val split",
+        title_justify="left",
+        caption="; ".join(_SOURCES[name] for name in {entry.source for entry in published}) + ".",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for name in ("detector", "filter"):
+        table.add_column(name, no_wrap=True)
+    for _, name, _, _ in columns:
+        table.add_column(name, justify="right", no_wrap=True)
+    for entry in published:
+        cells = [_number(entry.values.get(name), decimals, "") for name, _, decimals, _ in columns]
+        table.add_row(entry.detector, f"{entry.filter} ({entry.source})", *cells)
     return table
 
 
@@ -86,10 +108,11 @@ def gap_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
         padding=(0, 1, 0, 0),
     )
     first = rows[0]["filter"]
-    for heading in ("filter", "followed", "capt. %", "del. %", "lost %"):
-        table.add_column(heading, justify="left" if heading == "filter" else "right", no_wrap=True)
-    for heading in ("error [m]", "drift [m]", f"drift - {first}'s [m]"):
-        table.add_column(escape(heading), justify="right", no_wrap=True)
+    table.add_column("filter", no_wrap=True)
+    for name in ("followed", "capt. %", "del. %", "lost %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("error [m]", "drift [m]", f"drift - {first}'s [m]"):
+        table.add_column(escape(name), justify="right", no_wrap=True)
     leaders = {column: best(rows, column, True) for column in ("error", "drift")}
     for row in rows:
         cells = [row["filter"], _number(row["followed"], 0)]
@@ -103,32 +126,35 @@ def gap_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     return table
 
 
-def comparison_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def comparison_table(
+    title: str, rows: Sequence[Mapping[str, Any]], scores: Sequence[str], counts: Sequence[str]
+) -> Table:
     """Recorded against simulated detections, by filter, with the filters' ranks."""
     table = Table(
         title=title,
         title_justify="left",
-        caption="In brackets the filter's rank. Simulated: mean over seeds; difference: simulated"
-        " less recorded, with its 95 % interval over seeds.",
+        caption="rec.: recorded; sim.: simulated, mean over seeds; in brackets the filter's rank;"
+        " difference: simulated less recorded, with its 95 % interval over seeds."
+        f" {verdict(rows, scores)}.",
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
-    for name in SCORES:
-        for heading in (f"{name.upper()} rec.", "simulated", "difference"):
-            table.add_column(heading, justify="right", no_wrap=True)
-    for name in COUNTS:
-        table.add_column(f"{name.upper()} rec.", justify="right", no_wrap=True)
-        table.add_column("sim.", justify="right", no_wrap=True)
+    for name in scores:
+        for side in (f"{heading(name)} rec.", "sim.", "difference"):
+            table.add_column(side, justify="right", no_wrap=True)
+    for name in counts:
+        for side in (f"{heading(name)} rec.", "sim."):
+            table.add_column(side, justify="right", no_wrap=True)
     for row in rows:
         cells = [escape(row["filter"])]
-        for column in SCORES:
+        for column in scores:
             for side in ("recorded", "simulated"):
                 value, rank = row[f"{column}_{side}"], row[f"{column}_{side}_rank"]
                 cells.append("–" if value is None else f"{value:.2f} ({rank})")
             cells.append(_with_interval(row, f"{column}_difference", "+"))
-        for column in COUNTS:
+        for column in counts:
             cells += [_number(row[f"{column}_recorded"], 0), _number(row[f"{column}_simulated"], 1)]
         table.add_row(*cells)
     return table

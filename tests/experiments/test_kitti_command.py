@@ -265,9 +265,10 @@ def test_simulated_detections_stand_beside_recorded_ones(root: Path, mdkf_comman
         assert row["hota_difference_low"] <= row["hota_difference"] <= row["hota_difference_high"]
         assert row["hota_recorded_rank"] in (1, 2)
     assert len(set(seeds["ca"])) == 2  # another seed, other detections
-    shown = mdkf_command("kitti", *only, "--rules", "paper", "--simulated").out
+    shown = " ".join(mdkf_command("kitti", *only, "--rules", "paper", "--simulated").out.split())
     assert "recorded against simulated" in shown
-    assert "within 2 points" in shown
+    assert "HOTA within 2 points for" in shown
+    assert "without what is tracked of labelled cars before or after their labels" in shown
 
 
 def test_nothing_detected_is_no_value_not_an_error(

@@ -16,12 +16,13 @@ from trackeval.datasets import Kitti2DBox
 from trackeval.metrics import CLEAR, HOTA, Identity
 
 from experiments.kitti.official import Labels, official_sequence
+from experiments.kitti.unlabelled import without_label
 from experiments.metrics import clear, hota, identity
 from mdkf import Tracks
 from mdkf.tables import FloatArray
 from sim_bridge.kitti_image import PictureBoxes
 from sim_bridge.kitti_writing import write_boxes
-from tests.tables import tracks_of
+from tests.tables import trace_of, tracks_of
 
 FRAMES = 15
 QUIET = {"PRINT_CONFIG": False}
@@ -210,3 +211,31 @@ def test_on_the_ground_the_same_rows_count(tmp_path: Path) -> None:
     boxes.bottom[0, 0] = 1.5
     on_ground = official_sequence(labels, boxes, tracks.track_id, "ground")
     np.testing.assert_allclose(on_ground.frame_similarity(0), [[0.25, 0.0], [0.75, 0.0]])
+
+
+def test_rows_are_spared_only_where_they_belong_to_nothing(tmp_path: Path) -> None:
+    """Of two tracks that are to be spared one has the car, which counts as ever."""
+    root = labelled(tmp_path, [(0, 0, "Car", 0, 0, CAR)])
+    tracks, boxes = tracked([(0, 3, BESIDE), (0, 4, AWAY)])
+    labels = Labels.read(root, "0003", FRAMES)
+    spared = np.ones(2, dtype=np.bool_)
+    counts = clear(official_sequence(labels, boxes, tracks.track_id, spared=spared))
+    assert (counts.tp, counts.fn, counts.fp) == (1, 0, 0)
+    counts = clear(official_sequence(labels, boxes, tracks.track_id))
+    assert (counts.tp, counts.fn, counts.fp) == (1, 0, 1)
+
+
+def test_frames_without_the_label_of_a_tracks_car_are_told() -> None:
+    """Track 5 is with car 1 in most frames, and outside its labels in frames 0, 1 and 8; track 6
+    with nothing in any; track 7 with car 2 from before until after, its labels' gap is within."""
+    truth = [(k, 1, 0.0, 0.0) for k in range(2, 8)]
+    truth += [(k, 2, 30.0, 0.0) for k in (3, 4, 7)] + [(1, 3, 0.0, 0.0)]
+    rows = [(k, 5, 0.5, 0.0) for k in range(9)] + [(k, 6, 60.0, 0.0) for k in range(9)]
+    rows += [(k, 7, 30.0, 1.0) for k in range(2, 9)]
+    tracks = tracks_of(rows, 9)
+    outside = without_label(trace_of(truth, 9), tracks)
+    told = {
+        (int(f), int(t))
+        for f, t in zip(tracks.frame[outside], tracks.track_id[outside], strict=True)
+    }
+    assert told == {(0, 5), (1, 5), (8, 5), (2, 7), (8, 7)}
