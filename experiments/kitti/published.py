@@ -12,6 +12,10 @@ from dataclasses import dataclass
 
 ROBMOT, AB3DMOT, PAPER = "RobMOT", "AB3DMOT", "paper"
 
+VALIDATION = frozenset(f"{k:04d}" for k in (1, 6, 8, 10, 12, 13, 14, 15, 16, 18, 19))
+"""Sequences of the validation split."""
+VALIDATION_FRAMES = 3908
+
 
 @dataclass(frozen=True)
 class Published:

@@ -38,6 +38,12 @@ class DetectorFolder:
         """What the detector is called: its folder's name."""
         return self.path.name
 
+    @property
+    def detector(self) -> str:
+        """What others call the detector, by its folder's name; whose settings it has is another
+        matter."""
+        return FOLDERS.get(self.name, self.name)
+
     @staticmethod
     def of(path: Path, settings: str | None) -> "DetectorFolder":
         """A folder, with the settings of its name unless told; `KittiError` if there are none."""
