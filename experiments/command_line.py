@@ -4,7 +4,6 @@ Exit status 0 done, 1 the work failed, 2 bad input, 130 interrupted; errors are 
 """
 
 import json
-import math
 import shlex
 import shutil
 import sys
@@ -12,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -28,16 +27,18 @@ from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
 from experiments.kitti.command import export, kitti
 from experiments.options import (
+    GapTruth,
     Json,
     NoCache,
     busy,
     chosen_filters,
+    chosen_gap_truth,
     chosen_occlusion,
     simulated,
 )
 from experiments.paper.command import paper
 from experiments.report import write_report
-from experiments.score import score as score_tracks
+from experiments.score_command import score
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
@@ -82,9 +83,6 @@ Detector = Annotated[
 Settings = Annotated[
     str | None,
     typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
-]
-GapTruth = Annotated[
-    str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
 ]
 
 
@@ -159,7 +157,7 @@ def run(
         detector=detector,
         settings=_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=chosen_occlusion(occlusion),
-        gap_truth=_gap_truth(gap_truth),
+        gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
     )
     columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -246,24 +244,9 @@ def track(
     _write(Tracker(chosen, rules).run(table), out)
 
 
-@app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --json")
-def score(
-    trace: Annotated[Path, typer.Argument(help="A trace's Parquet file.")],
-    tracks: Annotated[Path, typer.Argument(help="A track table's Parquet file.")],
-    gap_truth: GapTruth = "keep",
-    as_json: Json = False,
-) -> None:
-    """Score tracks against the truth; the gaps are read from the tracks' own file."""
-    truth = sim_bridge.read_table(trace, Trace)
-    estimate = sim_bridge.read_table(tracks, Tracks)
-    result = score_tracks(truth, estimate, gap_truth=_gap_truth(gap_truth))
-    summary = {k: None if math.isnan(v) else v for k, v in result.summary().items()}
-    if as_json:
-        print(json.dumps(summary, allow_nan=False))
-    else:
-        Console().print(terminal.score_table(summary))
-
-
+app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --by phase --by range,level")(
+    score
+)
 app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop --picture bus_stop.png")(
     list_scenarios
 )
@@ -298,12 +281,6 @@ def _settings(name: str) -> str:
             f"no tracker settings for {name!r}; choose with --settings one of: {known}"
         )
     return name
-
-
-def _gap_truth(text: str) -> Any:
-    if text not in ("keep", "ignore"):
-        raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")
-    return text
 
 
 def _parameters(settings: list[str] | None) -> Mapping[str, float]:

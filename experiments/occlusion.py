@@ -40,7 +40,8 @@ class Gaps:
         """Whether each (object, frame) lies in a gap."""
         inside = np.zeros(len(frame), dtype=np.bool_)
         for identifier, start, stop in zip(self.object_id, self.start, self.stop, strict=True):
-            inside |= (object_id == identifier) & (frame >= start) & (frame < stop)
+            own = np.flatnonzero(object_id == identifier)
+            inside[own[(frame[own] >= start) & (frame[own] < stop)]] = True
         return inside
 
 
@@ -133,18 +134,26 @@ class OcclusionProtocol:
 def recorded_gaps(tracks: Tracks, expected: OcclusionProtocol | None = None) -> Gaps:
     """The gaps that were applied to the detections behind these tracks.
 
-    Raises `TableError` if the tracks tell of another protocol than the expected one.
+    Raises `TableError` if the tracks tell of another protocol than the expected one, or of gaps
+    that cannot be read.
     """
-    told = _told(tracks.provenance)
-    protocol = told["protocol"] if told else "none"
+    protocol, rows = _told(tracks.provenance)
     if expected is not None and str(expected) != protocol:
         raise TableError(f"the tracks come from occlusion {protocol}, expected {expected}")
-    rows = np.array(told["gaps"] if told else [], dtype=np.int64).reshape(-1, 3)
-    return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not str(protocol).startswith("late"))
+    return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not protocol.startswith("late"))
 
 
-def _told(provenance: Mapping[str, str]) -> dict[str, list[list[int]] | str]:
+def _told(provenance: Mapping[str, str]) -> tuple[str, IntArray]:
+    """The protocol and its gaps, (n, 3)."""
     if PROVENANCE_KEY not in provenance:
-        return {}
-    told: dict[str, list[list[int]] | str] = json.loads(provenance[PROVENANCE_KEY])
-    return told
+        return "none", np.empty((0, 3), dtype=np.int64)
+    text = provenance[PROVENANCE_KEY]
+    try:
+        told = json.loads(text)
+        gaps = np.array([(o, a, b) for o, a, b in told["gaps"]], dtype=np.int64).reshape(-1, 3)
+        return str(told["protocol"]), gaps
+    except (ValueError, TypeError, KeyError):
+        raise TableError(
+            f"the tracks' provenance has occlusion {text!r}, expected a JSON object with the"
+            " protocol and its gaps of (object, start, stop)"
+        ) from None

@@ -18,6 +18,17 @@ NoCache = Annotated[
     bool, typer.Option("--no-cache", help="Simulate anew, and keep nothing for the next time.")
 ]
 
+GapTruth = Annotated[
+    str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
+]
+
+
+def chosen_gap_truth(text: str) -> Any:
+    """What `GapTruth` was given; bad input if it is neither."""
+    if text not in ("keep", "ignore"):
+        raise typer.BadParameter(f"gap truth {text!r}, expected keep or ignore")
+    return text
+
 
 def chosen_filters(text: str) -> tuple[str, ...]:
     """Names of filters from a comma-separated list, each once; refuses what is none."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from experiments.assignment import UNASSIGNED, assigned
 from experiments.occlusion import Gaps
 from mdkf.tables import BoolArray, IntArray, Trace, Tracks
 
@@ -28,10 +28,15 @@ MATCH_DISTANCE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """The rows that count: masks over the trace's and the tracks' rows."""
+    """The rows that count: masks over the trace's and the tracks' rows.
+
+    object_row: (n_track_rows,) the truth row of the road user, counted or not, that the track is
+    on; `UNASSIGNED` where it is on none.
+    """
 
     truth: BoolArray
     tracks: BoolArray
+    object_row: IntArray
 
 
 def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) -> Population:
@@ -53,21 +58,30 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     ego = trace.ego
     away = np.hypot(tracks.x - ego.x[tracks.frame], tracks.y - ego.y[tracks.frame])
     scored = away <= SCORED_RANGE
-    for k in np.unique(tracks.frame):
-        truth_rows, track_rows = trace.frame_rows(int(k)), tracks.frame_rows(int(k))
-        track, row = _assigned(trace, tracks, truth_rows, track_rows, road_users[truth_rows])
-        scored[track] = counted[row]
-    return Population(counted, scored)
+    # Nothing farther away than this is close to any track.
+    farthest = away.max(initial=0.0) + MATCH_DISTANCE
+    object_row = _objects(trace, tracks, np.flatnonzero(road_users & (distance <= farthest)))
+    on_one = object_row != UNASSIGNED
+    scored[on_one] = counted[object_row[on_one]]
+    return Population(counted, scored, object_row)
 
 
-def _assigned(
-    trace: Trace, tracks: Tracks, truth_rows: slice, track_rows: slice, road_users: BoolArray
-) -> tuple[IntArray, IntArray]:
-    """Rows of tracks and of the truth that the best assignment of one frame gives them."""
-    dx = trace.x[truth_rows][:, None] - tracks.x[track_rows]
-    dy = trace.y[truth_rows][:, None] - tracks.y[track_rows]
-    closeness = np.maximum(MATCH_DISTANCE - np.hypot(dx, dy), 0.0)
-    near = np.flatnonzero(closeness.any(axis=1) & road_users)
-    chosen, track = linear_sum_assignment(closeness[near], maximize=True)
-    taken = closeness[near[chosen], track] > 0
-    return track_rows.start + track[taken], truth_rows.start + near[chosen[taken]]
+def naturally_occluded(trace: Trace, gaps: Gaps) -> BoolArray:
+    """The truth rows of road users within range that do not count because they are hidden from
+    view: outside the protocol's gaps."""
+    near = trace.road_users() & (trace.sensor_distance() <= SCORED_RANGE)
+    return near & (trace.visible < SCORED_VISIBLE) & ~gaps.covers(trace.object_id, trace.frame)
+
+
+def _objects(trace: Trace, tracks: Tracks, candidates: IntArray) -> IntArray:
+    """The truth row that each track row is on, of the given ones."""
+    row = assigned(
+        trace.frame[candidates],
+        np.column_stack([trace.x[candidates], trace.y[candidates]]),
+        tracks.frame,
+        np.column_stack([tracks.x, tracks.y]),
+        trace.n_frames,
+        MATCH_DISTANCE,
+    )
+    # The last place, which -1 takes, stands for no object.
+    return np.append(candidates, UNASSIGNED)[row]

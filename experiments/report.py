@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from experiments import figures
 from experiments.run import SUBJECT, Plan, Results, kept_folder
-from experiments.statistics import mean_interval
+from experiments.statistics import Interval, mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
 from mdkf import DETECTORS, ESTIMATORS
 from mdkf.tables import REGIMES, Detections, Trace, Tracks
@@ -18,6 +18,30 @@ from sim_bridge import read_table
 from sim_bridge.parquet import replacing
 
 NAME = "report.html"
+STATES = (
+    # column, heading, decimals, whether smaller is better; None: it should be 2
+    ("position_error", "position [m]", 3, True),
+    ("velocity_error", "velocity [m/s]", 3, True),
+    ("heading_error", "heading [rad]", 3, True),
+    ("backwards", "backwards %", 1, True),
+    ("gospa", "GOSPA [m]", 2, True),
+    ("gospa_localisation", "located [m]", 2, True),
+    ("gospa_missed", "missed [m]", 2, True),
+    ("gospa_false", "false [m]", 2, True),
+    ("nees", "NEES", 2, None),
+    ("nis", "NIS", 2, None),
+)
+"""What the table of states shows."""
+
+BINNED = (
+    # score, group, heading, decimals
+    ("position_error", "phase", "Position error [m] by phase", 2),
+    ("nees", "phase", "NEES by phase", 2),
+    ("mota", "range,level", "MOTA % by range and level", 1),
+    ("miss_rate", "range,level", "Missed % by range and level", 1),
+)
+"""Scores by bin that the report shows."""
+
 DT = 0.1
 """Time between the frames of a run [s]."""
 
@@ -46,7 +70,10 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         interrupted=results.interrupted,
         failure=results.failure,
         headings=[heading for _, heading, _, _ in COLUMNS],
-        groups=_result_groups(results.table),
+        groups=_result_groups(results.table, COLUMNS),
+        state_headings=[heading for _, heading, _, _ in STATES],
+        states=_result_groups(results.table, STATES),
+        binned=[_binned(results.breakdown, drawn, *shown) for shown in BINNED],
         differences=paired_rows(results.differences),
         difference_headings=DIFFERENCES,
         regimes=_regime_rows(results.errors, drawn),
@@ -71,12 +98,17 @@ def _svg(figure: Any) -> Markup:
     return Markup(figures.as_svg(figure))
 
 
-def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
+def _result_groups(
+    table: pl.DataFrame, columns: tuple[tuple[str, str, int, bool | None], ...]
+) -> list[dict[str, Any]]:
     """Scenarios with their rows of formatted cells; the best of each column is marked."""
     groups = []
     for (scenario,), group in table.group_by("scenario", maintain_order=True):
         rows = group.to_dicts()
-        leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
+        leaders = {
+            column: None if smaller is None else best(rows, column, smaller)
+            for column, _, _, smaller in columns
+        }
         lines = [
             {
                 "filter": row["filter"],
@@ -85,7 +117,7 @@ def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
                         "text": format_value(row, column, decimals),
                         "best": row[column] is not None and row[column] == leaders[column],
                     }
-                    for column, _, decimals, _ in COLUMNS
+                    for column, _, decimals, _ in columns
                 ],
             }
             for row in rows
@@ -94,6 +126,35 @@ def _result_groups(table: pl.DataFrame) -> list[dict[str, Any]]:
         gaps = round(rows[0]["followed"] * seeds)
         groups.append({"scenario": scenario, "seeds": seeds, "gaps": gaps, "lines": lines})
     return groups
+
+
+def _binned(
+    breakdown: pl.DataFrame, filters: list[str], score: str, group: str, heading: str, decimals: int
+) -> dict[str, Any]:
+    """One score by scenario, bin and filter: means over the seeds in which the bin has a value."""
+    rows = breakdown.filter(pl.col("filter").is_in(filters), group=group, score=score)
+    means = {
+        key: mean_interval(own["value"].cast(pl.Float64).fill_null(float("nan")))
+        for key, own in rows.group_by("scenario", "bin", "filter", maintain_order=True)
+    }
+    groups = []
+    for scenario in rows["scenario"].unique(maintain_order=True):
+        names = rows.filter(scenario=scenario)["bin"].unique(maintain_order=True)
+        lines = [
+            {"bin": name, "cells": [_told(means[scenario, name, f], decimals) for f in filters]}
+            for name in names
+        ]
+        groups.append({"scenario": scenario, "lines": lines})
+    return {"id": f"{score}-{group.replace(',', '-')}", "heading": heading, "groups": groups}
+
+
+def _told(interval: Interval, decimals: int) -> str:
+    """A mean with half of its interval; – is no value."""
+    if not interval.n:
+        return "–"
+    text = f"{interval.mean:.{decimals}f}"
+    half = interval.high - interval.mean
+    return f"{text} ±{half:.{decimals}f}" if interval.n > 1 else text
 
 
 def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any]]:

@@ -2,8 +2,9 @@
 
 Files in the output folder: `results.parquet` (a row for each scenario and filter: what the table
 shows), `differences.parquet` (paired over seeds), `worlds.parquet` (a row for each scenario, seed
-and filter), `errors.parquet` (a row for each filter, gap and frame), `worlds/SCENARIO-SEED/` (the
-tables behind the pictures).
+and filter), `errors.parquet` (a row for each filter, gap and frame), `breakdown.parquet` (a row for
+each world, filter, bin and score: `experiments.breakdown`), `worlds/SCENARIO-SEED/` (the tables
+behind the pictures).
 """
 
 import multiprocessing
@@ -42,7 +43,10 @@ FILTERS = _ROBMOT + tuple(f"{name}-retuned" for name in _ROBMOT)
 """What is compared unless told otherwise: every estimator with RobMOT's start variance and with
 the retuned one, both ways of mixing for IMM, both readings of what follows a gap for MD."""
 
-INTERVALS = ("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift")
+INTERVALS = (
+    *("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift"),
+    *("gospa", "position_error", "velocity_error", "heading_error", "nees", "nis"),
+)
 """Scores that get a 95 % interval over the seeds."""
 
 SUBJECT = "md"
@@ -99,6 +103,7 @@ class Results:
     differences: pl.DataFrame
     worlds: pl.DataFrame
     errors: pl.DataFrame
+    breakdown: pl.DataFrame
     refused: tuple[str, ...]
     kept: dict[str, int]
     interrupted: bool = False
@@ -146,7 +151,7 @@ def run(
         shutil.rmtree(out / KEPT, ignore_errors=True)
         raise
     results = _gather(plan, outcomes, out, interrupted, failure)
-    for name in ("table", "differences", "worlds", "errors"):
+    for name in ("table", "differences", "worlds", "errors", "breakdown"):
         file = "results" if name == "table" else name
         write_frame(getattr(results, name), out / f"{file}.parquet")
     return results
@@ -181,6 +186,7 @@ def _gather(
         _differences(per_world),
         per_world,
         pl.concat([outcome.errors for outcome in outcomes if outcome.rows]),
+        pl.concat([outcome.breakdown for outcome in outcomes if outcome.rows]),
         refused,
         kept,
         interrupted,
@@ -260,7 +266,8 @@ def _summarise(per_world: pl.DataFrame, plan: Plan) -> pl.DataFrame:
 def _differences(per_world: pl.DataFrame) -> pl.DataFrame:
     """Paired differences over seeds, subject minus opponent, of the same start variance.
 
-    Negative errors favour the subject, negative scores the opponent.
+    Negative errors favour the subject, negative scores the opponent; of NEES and NIS, which should
+    be 2, the sign says nothing.
     """
     rows = []
     names = per_world["filter"].unique(maintain_order=True).to_list()

@@ -1,44 +1,65 @@
-"""Truth and tracks into scores: HOTA, CLEAR, Identity, and position errors around gaps."""
+"""Truth and tracks into scores: HOTA, CLEAR, Identity, GOSPA, state errors, errors around gaps."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
-import numpy as np
 import polars as pl
 
-from experiments.metrics import (
-    ClearScores,
-    HotaScores,
-    IdentityScores,
-    clear,
-    hota,
-    identity,
-    sequence_from_rows,
-)
-from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
+from experiments.breakdown import breakdown
+from experiments.matched import Matched, Similarity, matched
+from experiments.metrics import ClearScores, HotaScores, IdentityScores, clear_of, hota, identity
+from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.phases import gap_errors
-from experiments.population import GapTruth, population
-from mdkf.tables import TableError, Trace, Tracks
+from experiments.population import GapTruth
+from experiments.states import GospaScores, StateErrors
+from mdkf.tables import Trace, Tracks
 
 PHASES = ("before", "gap", "after")
 
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Scores of one sequence by bird's-eye centre similarity max(0, 1 - d / 2 m).
+    """Scores of one sequence.
 
-    errors: `experiments.phases.gap_errors`, one row for each gap and frame.
+    errors: `experiments.phases.gap_errors`, one row for each gap and frame, however far away.
     """
 
     hota: HotaScores
     clear: ClearScores
     identity: IdentityScores
-    gaps: Gaps
+    matched: Matched
     errors: pl.DataFrame
+
+    @property
+    def gaps(self) -> Gaps:
+        """The gaps that the tracks tell of."""
+        return self.matched.gaps
+
+    @property
+    def gospa(self) -> GospaScores:
+        """GOSPA of the rows that count."""
+        return self.matched.gospa
+
+    @cached_property
+    def states(self) -> StateErrors:
+        """Errors of all tracks' rows that are on truth that counts, up to 2 m away."""
+        every = self.matched.states
+        return every.take(self.matched.kept.truth[every.truth_row])
+
+    def by(self, *groups: str) -> pl.DataFrame:
+        """Scores by bin (`experiments.breakdown`): `phase`, `regime`, `range`, `level`, or the
+        products of several, as `range,level`.
+
+        Raises `ValueError` for an unknown group, and for one that is named twice.
+        """
+        return breakdown(self.matched, groups)
 
     def summary(self) -> dict[str, float]:
         """Scores by name; NaN is "no value".
 
-        hota, deta, assa, mota, motp, idf1 in percent; idsw, fp, fn, gaps, followed are counts.
+        hota, deta, assa, mota, motp, idf1, miss_rate (of the truth rows) in percent; idsw, fp, fn,
+        gaps, followed are counts. gospa and its parts: `GospaScores.values`; position_error to
+        nis: `StateErrors.values`.
         error_before, error_gap, error_after: mean position error over the frames of all followed
         gaps [m], as long as the track lives; gap_median: its median in the gap. captured: percent
         of followed gaps in which another detection took the track; deleted: in which it ended;
@@ -61,6 +82,9 @@ class Scores:
             "idsw": float(self.clear.idsw),
             "fp": float(self.clear.fp),
             "fn": float(self.clear.fn),
+            "miss_rate": 100 * (1 - self.clear.recall),
+            **{name: value.value for name, value in self.gospa.values().items()},
+            **{name: value.value for name, value in self.states.values().items()},
             **{
                 f"error_{phase}": _value(followed.filter(pl.col("phase") == phase)["error"].mean())
                 for phase in PHASES
@@ -79,41 +103,25 @@ def score(
     tracks: Tracks,
     occlusion: OcclusionProtocol | None = None,
     gap_truth: GapTruth = "keep",
+    similarity: Similarity = "centre",
 ) -> Scores:
     """Score tracks against the truth.
 
     The gaps are those that the tracks' provenance tells of; `occlusion`, if given, must be the
     protocol they came from. gap_truth: whether truth in the gaps is kept (a track that coasts
-    well is right there) or ignored.
+    well is right there) or ignored. similarity: of HOTA, CLEAR (from 0.5 on) and Identity (from
+    0.5 on); all else is by distance.
 
-    Raises `TableError` if the tracks cannot belong to the trace.
+    Raises `TableError` if the tracks cannot belong to the trace or come from another protocol, and
+    `ValueError` for an unknown convention or similarity.
     """
-    if (trace.n_frames, trace.dt) != (tracks.n_frames, tracks.dt):
-        raise TableError(
-            f"the tracks have {tracks.n_frames} frames of {tracks.dt} s, the trace"
-            f" {trace.n_frames} of {trace.dt} s"
-        )
-    told = tracks.provenance.get("trace")
-    if told is not None and told != trace.content_hash():
-        raise TableError("the tracks come from another trace (its content hash differs)")
-    gaps = recorded_gaps(tracks, occlusion)
-    kept = population(trace, tracks, gaps, gap_truth)
-    truth, estimate = trace.take(kept.truth), tracks.take(kept.tracks)
-    sequence = sequence_from_rows(
-        truth.frame,
-        truth.object_id,
-        np.column_stack([truth.x, truth.y]),
-        estimate.frame,
-        estimate.track_id,
-        np.column_stack([estimate.x, estimate.y]),
-        trace.n_frames,
-    )
+    whole = matched(trace, tracks, occlusion, gap_truth, similarity)
     return Scores(
-        hota(sequence),
-        clear(sequence),
-        identity(sequence),
-        gaps,
-        gap_errors(trace, tracks, gaps),
+        hota(whole.sequence),
+        clear_of(whole.sequence, whole.clear),
+        identity(whole.sequence),
+        whole,
+        gap_errors(trace, tracks, whole.gaps),
     )
 
 

@@ -1,13 +1,20 @@
 """Results as tables on a terminal."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import polars as pl
 from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from experiments.bins import EVERYTHING
+from experiments.population import MATCH_DISTANCE
+from experiments.score import Scores
+from experiments.states import Value
+from experiments.states.gospa import CUTOFF, POWER
 from scenarios import KittiScenario, Scenario
 from scenarios.kitti import VARIABLE, kitti_root
 
@@ -31,6 +38,9 @@ COLUMNS = (
 
 FULL_WIDTH = 168
 """Characters that a table with intervals needs."""
+
+BREAKDOWN_WIDTH = 130
+"""Characters that a breakdown with GOSPA's parts needs."""
 
 
 def format_value(row: Mapping[str, Any], column: str, decimals: int, intervals: bool = True) -> str:
@@ -143,9 +153,119 @@ def parameter_table(scenario: Scenario) -> Table:
     return table
 
 
-def score_table(summary: Mapping[str, float | None]) -> Table:
-    """The scores of one sequence."""
-    table = Table(show_header=False)
-    for name, value in summary.items():
-        table.add_row(name, "–" if value is None else f"{value:.4g}")
+def score_table(scores: Scores) -> Group:
+    """The scores of one sequence, with units and, where there are any, samples and verdicts."""
+    summary = scores.summary()
+    samples = {**scores.gospa.values(), **scores.states.values()}
+    shown: list[RenderableType] = []
+    for title, units in SECTIONS:
+        table = Table(show_header=False, box=None)
+        table.add_column(min_width=NAME_WIDTH)
+        table.add_column(min_width=NUMBER_WIDTH, justify="right")
+        table.add_column(min_width=UNIT_WIDTH, style="dim")
+        table.add_column(style="dim")
+        for name, unit in units.items():
+            value, sampled = summary[name], samples.get(name)
+            number = "–" if math.isnan(value) else f"{value:.4g}"
+            table.add_row(name, number, unit, "" if sampled is None else _told_samples(sampled))
+        shown += [f"[italic]{title}[/italic]", table]
+    return Group(*shown)
+
+
+NAME_WIDTH, NUMBER_WIDTH, UNIT_WIDTH = 18, 7, 3
+"""Characters that align the tables of one sequence's scores."""
+
+
+def _told_samples(sampled: Value) -> str:
+    """How many samples a value has, and what its interval says."""
+    if sampled.verdict is None:
+        return f"n {sampled.n}"
+    return f"n {sampled.n}: {sampled.verdict} ({sampled.low:.2f} to {sampled.high:.2f}) *"
+
+
+SECTIONS: tuple[tuple[str, dict[str, str]], ...] = (
+    (
+        "tracking: HOTA, CLEAR, Identity",
+        {
+            **dict.fromkeys(("hota", "deta", "assa", "mota", "motp", "idf1", "miss_rate"), "%"),
+            **dict.fromkeys(("idsw", "fp", "fn"), ""),
+        },
+    ),
+    (
+        f"GOSPA: c {CUTOFF:g} m, p {POWER:g}; n frames",
+        dict.fromkeys(("gospa", "gospa_localisation", "gospa_missed", "gospa_false"), "m"),
+    ),
+    (
+        f"state: tracks within {MATCH_DISTANCE:g} m of their object; n estimates",
+        {
+            **dict.fromkeys(("position_error", "position_rmse"), "m"),
+            **dict.fromkeys(("velocity_error", "velocity_rmse"), "m/s"),
+            **{"heading_error": "rad", "backwards": "%", "nees": "", "nis": ""},
+        },
+    ),
+    (
+        "around gaps: followed tracks, wherever they go",
+        {
+            **dict.fromkeys(("error_before", "error_gap", "error_after", "gap_median"), "m"),
+            **dict.fromkeys(("captured", "deleted", "lost"), "%"),
+            **dict.fromkeys(("gaps", "followed"), ""),
+        },
+    ),
+)
+"""The summary's names in the order in which they are shown, with their units."""
+
+BINNED = (
+    # score, heading, unit, decimals, whether it takes a wide terminal
+    ("hota", "HOTA", "%", 1, False),
+    ("mota", "MOTA", "%", 1, False),
+    ("miss_rate", "miss", "%", 1, False),
+    ("idsw", "IDSW", "", 0, True),
+    ("gospa", "GOSPA", "m", 2, False),
+    ("gospa_localisation", "located", "m", 2, True),
+    ("gospa_missed", "missed", "m", 2, True),
+    ("gospa_false", "false", "m", 2, True),
+    ("position_error", "pos.", "m", 2, False),
+    ("velocity_error", "vel.", "m/s", 2, False),
+    ("heading_error", "head.", "rad", 2, True),
+    ("backwards", "back", "%", 1, False),
+    ("nees", "NEES", "*", 2, False),
+    ("nis", "NIS", "*", 2, False),
+)
+"""What a breakdown shows."""
+
+SIGNS = {"optimistic": "↑", "consistent": " ", "pessimistic": "↓"}
+
+CORRELATED = (
+    "* Expected: 2. ↑ optimistic: errors are larger than the covariances tell, ↓ pessimistic:"
+    " smaller, by the 95 % interval of a consistent filter with as many independent samples. Those"
+    " along a track are not independent: near its edge the interval decides nothing."
+)
+"""What to know of NEES and NIS."""
+
+
+def breakdown_table(rows: pl.DataFrame, group: str, wide: bool = True) -> Table:
+    """Scores of all and of a group's bins; – is no value, and what no bin has is left out."""
+    title = f"By {group}: scores, mean errors, consistency"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column(escape(group) if wide else "", no_wrap=True)
+    table.add_column("truth\nrows", justify="right")
+    binned = set(rows.filter(group=group)["score"])
+    shown = [column for column in BINNED if column[0] in binned and (wide or not column[-1])]
+    for _, heading, unit, _, _ in shown:
+        table.add_column(f"{heading}\n{unit}", justify="right")
+    of_group = rows.filter(pl.col("group").is_in([EVERYTHING, group]))
+    for (name,), own in of_group.group_by("bin", maintain_order=True):
+        found = {row["score"]: row for row in own.to_dicts()}
+        cells = [_told_bin(found.get(score), decimals) for score, _, _, decimals, _ in shown]
+        label = str(name) if wide else str(name).replace(", ", ",\n")
+        table.add_row(escape(label), str(found.get("miss_rate", {"n": ""})["n"]), *cells)
     return table
+
+
+def _told_bin(row: Mapping[str, Any] | None, decimals: int) -> str:
+    """A value with its verdict's sign; nothing where the bin is not asked for the score."""
+    if row is None:
+        return ""
+    if row["value"] is None:
+        return "–"
+    return f"{row['value']:.{decimals}f}{SIGNS.get(row['verdict'], '')}"

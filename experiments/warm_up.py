@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.metrics import clear, hota, identity, sequence_from_rows
+from experiments.states import gospa
 from mdkf import Detections, Tracker, estimator
 from mdkf.tables import FloatArray, IntArray
 from sim_bridge.kinematics import smooth_motion
@@ -34,3 +35,4 @@ def compile_tracking(filters: Sequence[str]) -> None:
     sequence = sequence_from_rows(*rows, *rows, n_frames=3)
     for metric in (hota, clear, identity):
         metric(sequence)
+    gospa(*rows[::2], *rows[::2], n_frames=3)

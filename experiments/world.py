@@ -20,6 +20,9 @@ from mdkf import DETECTORS, Detections, Tracker, TrackerSettings, Tracks, estima
 from scenarios import Scenario
 from sim_bridge import SeedRefused, TraceCache, detect, simulate, write_table
 
+GROUPS = ("phase", "regime", "range,level")
+"""What every world's scores are broken down by; the last as Waymo's tables are."""
+
 
 @dataclass(frozen=True)
 class World:
@@ -42,13 +45,15 @@ class World:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a world: a row of scores for each filter and the errors around every gap
-    (`gap_errors` with a column `drift`), or the reason why the seed was refused."""
+    """What came of a world: a row of scores for each filter, the errors around every gap
+    (`gap_errors` with a column `drift`) and the scores by bin (`experiments.breakdown`), or the
+    reason why the seed was refused."""
 
     scenario: str
     seed: int
     rows: list[dict[str, Any]] = field(default_factory=list)
     errors: pl.DataFrame = field(default_factory=pl.DataFrame)
+    breakdown: pl.DataFrame = field(default_factory=pl.DataFrame)
     refused: str | None = None
 
 
@@ -71,7 +76,7 @@ def run_world(world: World) -> Outcome:
         world.keep.mkdir(parents=True, exist_ok=True)
         write_table(trace, world.keep / "trace.parquet")
         write_table(detections, world.keep / "detections.parquet")
-    rows, errors = [], []
+    rows, errors, bins = [], [], []
     for filter_name in world.filters:
         tracks, milliseconds = timed_tracks(filter_name, world.settings, occluded)
         scores = score(trace, tracks, world.occlusion, world.gap_truth)
@@ -85,9 +90,10 @@ def run_world(world: World) -> Outcome:
         rows.append({**row, "ms_per_frame": milliseconds})
         labels = [pl.lit(value).alias(key) for key, value in which.items()]
         errors.append(both.select(*labels, pl.all()))
+        bins.append(scores.by(*GROUPS).select(*labels, pl.all()))
         if world.keep is not None:
             write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
-    return Outcome(name, seed, rows, pl.concat(errors))
+    return Outcome(name, seed, rows, pl.concat(errors), pl.concat(bins))
 
 
 def timed_tracks(

@@ -8,11 +8,29 @@ numba keeps a kernel until its own file changes. It does not see that a kernel o
 which was compiled into it, has changed: the tests therefore discard kernels older than any source.
 """
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 from numba import njit
 
-kernel = njit(cache=True, error_model="numpy")
-"""Compiles a kernel that Python calls."""
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-inlined = njit(cache=True, error_model="numpy", forceinline=True)
+
+def _compiler(**options: Any) -> Callable[[Function], Function]:
+    compile_with: Any = njit
+    compiler: Callable[[Function], Function] = compile_with(
+        cache=True, error_model="numpy", nogil=True, **options
+    )
+    return compiler
+
+
+kernel = _compiler(_nrt=False)
+"""Compiles a kernel that Python calls. It allocates nothing: its arrays are its caller's, and it
+does not count references to them, which would cost more than a filter's step."""
+
+inlined = _compiler(_nrt=False, forceinline=True)
 """Compiles a kernel into those that call it: passing its arrays would cost more than its work,
 and the number of derivatives is a constant there."""
+
+allocating = _compiler()
+"""Compiles a kernel that makes arrays; only Python may call it, not the kernels above."""

@@ -14,18 +14,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from mdkf.compiled import kernel
-from mdkf.estimator import arrays, check_step, checked_measurement, checked_start, copied
+from mdkf import batch
+from mdkf.batch import Moments, Noise, Pair, moments_of_all, predict_all, update_all
+from mdkf.estimator import check_step, checked_measurement, checked_start, copied
 from mdkf.kalman import chain, check_model, innovation_columns, no_innovation, start_chains
-from mdkf.kernels import predict_track, update_track
-from mdkf.mixing import copy_track, mix_models, mixture_innovation, mixture_moments
-from mdkf.motion import PROCESS_NOISE, START_VARIANCE, derivatives, taylor
-from mdkf.sequence import Estimates
-from mdkf.tables import FloatArray
+from mdkf.kernels import predict_track, start_track, update_track, write_innovation
+from mdkf.mixing import Models, copy_track, mix_models, mixture_innovation, mixture_moments
+from mdkf.motion import PROCESS_NOISE, START_VARIANCE, taylor
+from mdkf.tables import FloatArray, IntArray
 
 Mixing = Literal["unbiased", "zero"]
 
@@ -89,34 +89,37 @@ class InteractingMultipleModel:
         """States dt [s] later, mixed first."""
         check_step(dt)
         mean, covariance = state.mean.copy(), state.covariance.copy()
-        probability = state.probability.copy()
-        _predict(
-            *_by_model(mean, covariance),
-            probability,
-            self.mixing == "unbiased",
-            taylor(self.order, dt),
-            *_bank(self, dt),
-        )
-        return ImmState(mean, covariance, probability, state.innovation, state.nis)
+        new = ImmState(mean, covariance, state.probability.copy(), state.innovation, state.nis)
+        predict_all(self.batch(new, dt), len(mean))
+        return new
 
     def update(self, state: ImmState, position: FloatArray, noise: FloatArray) -> ImmState:
         """States after positions (n, 2) with covariance (n, 2, 2); NaN rows are not measured."""
         z, R = checked_measurement(len(state.mean), position, noise)
         new = copied(state)
-        models = _by_model(new.mean, new.covariance)
-        _update(*models, new.probability, new.innovation, new.nis, z, R, *_sizes(self.order))
+        update_all(self.batch(new), z, R)
         return new
 
-    def run_compiled(
-        self, state: ImmState, positions: FloatArray, noise: FloatArray, dt: float, out: Estimates
-    ) -> None:
-        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
-        models = _by_model(state.mean, state.covariance)
-        modes = (state.probability, state.innovation, state.nis)
-        model = (self.mixing == "unbiased", taylor(self.order, dt), *_bank(self, dt))
-        sizes = _sizes(self.order)
-        arguments = (*models, *modes, positions, noise, *model, *sizes, *arrays(out))
-        _filter(*arguments)
+    def batch(self, state: ImmState, dt: float = 1.0) -> "ImmBatch":
+        """The state's arrays for the kernels (`mdkf.batch`); updates do not depend on dt [s]."""
+        _, K, size = state.mean.shape
+        markov, Q = _bank(self, dt)
+        return ImmBatch(
+            state.mean.reshape(-1, size),
+            state.covariance.reshape(-1, size, size),
+            state.probability,
+            state.innovation,
+            state.nis,
+            taylor(self.order, dt),
+            Q,
+            self.start_variance[: self.order + 1],
+            markov,
+            self.mixing == "unbiased",
+            (np.empty((K, size)), np.empty((K, size, size))),
+            (np.empty((K, size), dtype=np.int64), np.empty((K, size))),
+            np.empty((size, 2)),
+            np.empty((2, K)),
+        )
 
     def position(self, state: ImmState) -> FloatArray:
         """Positions (n, 2) of the mixture's mean [m]."""
@@ -133,8 +136,7 @@ class InteractingMultipleModel:
     def _mixture(self, state: ImmState) -> tuple[FloatArray, FloatArray, FloatArray]:
         n = len(state.mean)
         position, velocity, covariance = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
-        models = _by_model(state.mean, state.covariance)
-        mixture_moments(*models, state.probability, position, velocity, covariance)
+        moments_of_all(self.batch(state), position, velocity, covariance)
         return position, velocity, covariance
 
     def diagnostics(self, state: ImmState) -> Mapping[str, FloatArray]:
@@ -142,17 +144,6 @@ class InteractingMultipleModel:
         names = ("cv", "ca", "cj")[: self.order]
         modes = {f"probability_{name}": state.probability[:, j] for j, name in enumerate(names)}
         return modes | innovation_columns(state.innovation, state.nis)
-
-
-def _by_model(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Views with one row for each track and model, as the kernels of a track take them."""
-    size = mean.shape[2]
-    return mean.reshape(-1, size), covariance.reshape(-1, size, size)
-
-
-def _sizes(order: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The derivatives of an axis and the models, as tuples (`mdkf.motion.derivatives`)."""
-    return derivatives(order), tuple(range(order))
 
 
 @lru_cache(maxsize=256)
@@ -168,97 +159,101 @@ def _bank(
     return tuple(tuple(row) for row in estimator.markov.tolist()), Q
 
 
-@kernel
-def _predict(
-    mean: FloatArray,
-    covariance: FloatArray,
-    probability: FloatArray,
-    unbiased: bool,
-    taylor: tuple[float, ...],
-    markov: tuple[tuple[float, ...], ...],
-    Q: FloatArray,
-) -> None:
-    m = len(taylor)
+class ImmBatch(NamedTuple):
+    """An `ImmState` and its models as the kernels take them.
+
+    mean (n K, 2m), covariance (n K, 2m, 2m): row k K + j is model j of track k; Q (K, m, m). What
+    follows `unbiased` is overwritten (`mdkf.mixing`).
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    probability: FloatArray
+    innovation: FloatArray
+    nis: FloatArray
+    taylor: tuple[float, ...]
+    Q: FloatArray
+    start_variance: tuple[float, ...]
+    markov: tuple[tuple[float, ...], ...]
+    unbiased: bool
+    before: Models
+    mixed: tuple[IntArray, FloatArray]
+    work: FloatArray
+    by_model: FloatArray
+
+
+@batch.start.register
+def _start(batch: ImmBatch, k: int, z: Pair) -> None:
+    K, m = len(batch.markov), len(batch.taylor)
+    for j in range(K):
+        row = k * K + j
+        start_track(batch.mean, batch.covariance, row, z, batch.start_variance)
+        for d in range(j + 2, m):
+            batch.covariance[row, d, d] = 0.0
+            batch.covariance[row, m + d, m + d] = 0.0
+        batch.probability[k, j] = 1.0 / K
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = np.nan, np.nan, np.nan
+
+
+@batch.predict.register
+def _predict(batch: ImmBatch, k: int) -> None:
+    mean, covariance, markov = batch.mean, batch.covariance, batch.markov
+    m = len(batch.taylor)
     K = len(markov)
-    before = np.empty((K, 2 * m)), np.empty((K, 2 * m, 2 * m))
-    work = np.empty((K, 2 * m), dtype=np.int64), np.empty((K, 2 * m))
-    c, weight = np.empty(K), np.empty(K)
-    for k in range(probability.shape[0]):
-        copy_track(mean, covariance, k, K, m, before)
-        for j in range(K):
-            c[j] = 0.0
-            for i in range(K):
-                c[j] += markov[i][j] * probability[k, i]
-            for i in range(K):
-                weight[i] = markov[i][j] * probability[k, i] / c[j]
-            row = k * K + j
-            mix_models(before, weight, j, K, m, unbiased, mean, covariance, row, work)
-            # A smaller model's missing derivatives are exactly zero: it moves by the same chain.
-            predict_track(mean, covariance, row, taylor, Q[j])
-        for j in range(K):
-            probability[k, j] = c[j]
+    c, weight = batch.by_model
+    copy_track(mean, covariance, k, K, m, batch.before)
+    for j in range(K):
+        c[j] = 0.0
+        for i in range(K):
+            c[j] += markov[i][j] * batch.probability[k, i]
+        for i in range(K):
+            weight[i] = markov[i][j] * batch.probability[k, i] / c[j]
+        row = k * K + j
+        mixing = batch.unbiased, mean, covariance, row, batch.mixed
+        mix_models(batch.before, weight, j, K, m, *mixing)
+        # A smaller model's missing derivatives are exactly zero: it moves by the same chain.
+        predict_track(mean, covariance, row, batch.taylor, batch.Q[j])
+    for j in range(K):
+        batch.probability[k, j] = c[j]
 
 
-@kernel
-def _update(
-    mean: FloatArray,
-    covariance: FloatArray,
-    probability: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    derivatives: tuple[int, ...],
-    modes: tuple[int, ...],
-) -> None:
-    m = len(derivatives)
-    K = len(modes)
-    square, determinant, work = np.empty(K), np.empty(K), np.empty((2 * m, 2))
-    for k in range(probability.shape[0]):
-        if np.isnan(z[k, 0]):
-            innovation[k, 0], innovation[k, 1], nis[k] = np.nan, np.nan, np.nan
-            continue
-        mixture_innovation(mean, covariance, probability, innovation, nis, k, z, R, K, m)
-        # Likelihoods but for a common factor, relative to the nearest model's, so that a large
-        # jump cannot underflow them all. A model that has underflowed has no part in it.
-        nearest = math.inf
-        for j in range(K):
-            updated = update_track(mean, covariance, k * K + j, m, z, R, k, work)
-            square[j], determinant[j] = updated[2], updated[3]
-            if probability[k, j] > 0.0:
-                nearest = min(nearest, square[j])
-        total = 0.0
-        for j in range(K):
-            if probability[k, j] > 0.0:
-                likelihood = math.exp(0.5 * (nearest - square[j])) / math.sqrt(determinant[j])
-                probability[k, j] *= likelihood
-                total += probability[k, j]
-        for j in range(K):
-            probability[k, j] /= total
+@batch.update.register
+def _update(batch: ImmBatch, k: int, z: Pair, R: Noise) -> None:
+    if np.isnan(z[0]):
+        batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = np.nan, np.nan, np.nan
+        return
+    mean, covariance, probability = batch.mean, batch.covariance, batch.probability
+    K, m = len(batch.markov), len(batch.taylor)
+    yx, yy, nis = mixture_innovation(mean, covariance, probability, k, z, R, K, m)
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = yx, yy, nis
+    # Likelihoods but for a common factor, relative to the nearest model's, so that a large
+    # jump cannot underflow them all. A model that has underflowed has no part in it.
+    square, determinant = batch.by_model
+    nearest = math.inf
+    for j in range(K):
+        updated = update_track(mean, covariance, k * K + j, m, z, R, batch.work)
+        square[j], determinant[j] = updated[2], updated[3]
+        if probability[k, j] > 0.0:
+            nearest = min(nearest, square[j])
+    total = 0.0
+    for j in range(K):
+        if probability[k, j] > 0.0:
+            likelihood = math.exp(0.5 * (nearest - square[j])) / math.sqrt(determinant[j])
+            probability[k, j] *= likelihood
+            total += probability[k, j]
+    for j in range(K):
+        probability[k, j] /= total
 
 
-@kernel
-def _filter(
-    mean: FloatArray,
-    covariance: FloatArray,
-    probability: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    unbiased: bool,
-    taylor: tuple[float, ...],
-    markov: tuple[tuple[float, ...], ...],
-    Q: FloatArray,
-    derivatives: tuple[int, ...],
-    modes: tuple[int, ...],
-    position: FloatArray,
-    velocity: FloatArray,
-    position_covariance: FloatArray,
-) -> None:
-    models = mean, covariance, probability
-    for t in range(z.shape[0]):
-        if t > 0:
-            _predict(*models, unbiased, taylor, markov, Q)
-            _update(*models, innovation, nis, z[t], R[t % R.shape[0]], derivatives, modes)
-        mixture_moments(*models, position[t], velocity[t], position_covariance[t])
+@batch.moments.register
+def _moments(batch: ImmBatch, k: int) -> Moments:
+    K, m = len(batch.markov), len(batch.taylor)
+    return mixture_moments(batch.mean, batch.covariance, batch.probability, k, K, m)
+
+
+@batch.diagnose.register
+def _diagnose(batch: ImmBatch, k: int, columns: FloatArray, first: int, row: int) -> None:
+    K = len(batch.markov)
+    for j in range(K):
+        columns[first + j, row] = batch.probability[k, j]
+    write_innovation(batch.innovation, batch.nis, k, columns, first + K, row)

@@ -7,10 +7,12 @@ form (`mdkf.chain`). RobMOT's baseline is order 2 (CA).
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from mdkf.compiled import kernel
+from mdkf import batch
+from mdkf.batch import Moments, Noise, Pair, predict_all, update_all
 from mdkf.estimator import (
     arrays,
     check_step,
@@ -18,9 +20,14 @@ from mdkf.estimator import (
     checked_start,
     copied,
 )
-from mdkf.kernels import predict_track, update_track
-from mdkf.motion import PROCESS_NOISE, START_VARIANCE, derivatives, process_noise, taylor
-from mdkf.sequence import Estimates
+from mdkf.kernels import (
+    chain_moments,
+    predict_track,
+    start_track,
+    update_track,
+    write_innovation,
+)
+from mdkf.motion import PROCESS_NOISE, START_VARIANCE, process_noise, taylor
 from mdkf.tables import FloatArray
 
 
@@ -82,29 +89,27 @@ class Kalman(OneChain):
     def predict(self, state: KalmanState, dt: float) -> KalmanState:
         """States dt [s] later."""
         check_step(dt)
-        mean, covariance = state.mean.copy(), state.covariance.copy()
-        _predict(mean, covariance, *chain(self.order, dt, self.process_density))
-        return KalmanState(mean, covariance, state.innovation, state.nis)
+        new = KalmanState(state.mean.copy(), state.covariance.copy(), *arrays(state)[2:])
+        predict_all(self.batch(new, dt), len(new.mean))
+        return new
 
     def update(self, state: KalmanState, position: FloatArray, noise: FloatArray) -> KalmanState:
         """States after positions (n, 2) with covariance (n, 2, 2); NaN rows are not measured."""
         z, R = checked_measurement(len(state.mean), position, noise)
         new = copied(state)
-        _update(new.mean, new.covariance, new.innovation, new.nis, z, R, derivatives(self.order))
+        update_all(self.batch(new), z, R)
         return new
 
-    def run_compiled(
-        self,
-        state: KalmanState,
-        positions: FloatArray,
-        noise: FloatArray,
-        dt: float,
-        out: Estimates,
-    ) -> None:
-        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
-        model = (derivatives(self.order), *chain(self.order, dt, self.process_density))
-        arguments = (*arrays(state), positions, noise, *model, *arrays(out))
-        _filter(*arguments)
+    def batch(self, state: KalmanState, dt: float = 1.0) -> "KalmanBatch":
+        """The state's arrays for the kernels (`mdkf.batch`); updates do not depend on dt [s]."""
+        first_row, Q = chain(self.order, dt, self.process_density)
+        return KalmanBatch(
+            **vars(state),
+            taylor=first_row,
+            Q=Q,
+            start_variance=self.start_variance[: self.order + 1],
+            work=np.empty((state.mean.shape[1], 2)),
+        )
 
     def diagnostics(self, state: KalmanState) -> Mapping[str, FloatArray]:
         """innovation_x, innovation_y [m], nis."""
@@ -161,70 +166,45 @@ def innovation_columns(innovation: FloatArray, nis: FloatArray) -> dict[str, Flo
     return {"innovation_x": innovation[:, 0], "innovation_y": innovation[:, 1], "nis": nis}
 
 
-@kernel
-def _predict(
-    mean: FloatArray, covariance: FloatArray, taylor: tuple[float, ...], Q: FloatArray
-) -> None:
-    for k in range(mean.shape[0]):
-        predict_track(mean, covariance, k, taylor, Q)
+class KalmanBatch(NamedTuple):
+    """A `KalmanState` and its model as the kernels take them; work (2m, 2) is overwritten."""
+
+    mean: FloatArray
+    covariance: FloatArray
+    innovation: FloatArray
+    nis: FloatArray
+    taylor: tuple[float, ...]
+    Q: FloatArray
+    start_variance: tuple[float, ...]
+    work: FloatArray
 
 
-@kernel
-def _update(
-    mean: FloatArray,
-    covariance: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    derivatives: tuple[int, ...],
-) -> None:
-    m = len(derivatives)
-    work = np.empty((2 * m, 2))
-    for k in range(mean.shape[0]):
-        if np.isnan(z[k, 0]):
-            innovation[k, 0], innovation[k, 1], nis[k] = np.nan, np.nan, np.nan
-            continue
-        yx, yy, square, _, _, _, _, _ = update_track(mean, covariance, k, m, z, R, k, work)
-        innovation[k, 0], innovation[k, 1], nis[k] = yx, yy, square
+@batch.start.register
+def _start(batch: KalmanBatch, k: int, z: Pair) -> None:
+    start_track(batch.mean, batch.covariance, k, z, batch.start_variance)
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = np.nan, np.nan, np.nan
 
 
-@kernel
-def record(
-    mean: FloatArray,
-    covariance: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    position_covariance: FloatArray,
-) -> None:
-    """Position, velocity and the position's covariance of every track of one chain."""
-    m = mean.shape[1] // 2
-    for k in range(mean.shape[0]):
-        for a in range(2):
-            position[k, a] = mean[k, a * m]
-            velocity[k, a] = mean[k, a * m + 1]
-            position_covariance[k, a, 0] = covariance[k, a * m, 0]
-            position_covariance[k, a, 1] = covariance[k, a * m, m]
+@batch.predict.register
+def _predict(batch: KalmanBatch, k: int) -> None:
+    predict_track(batch.mean, batch.covariance, k, batch.taylor, batch.Q)
 
 
-@kernel
-def _filter(
-    mean: FloatArray,
-    covariance: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    derivatives: tuple[int, ...],
-    taylor: tuple[float, ...],
-    Q: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    position_covariance: FloatArray,
-) -> None:
-    for t in range(z.shape[0]):
-        if t > 0:
-            _predict(mean, covariance, taylor, Q)
-            R_t = R[t % R.shape[0]]
-            _update(mean, covariance, innovation, nis, z[t], R_t, derivatives)
-        record(mean, covariance, position[t], velocity[t], position_covariance[t])
+@batch.update.register
+def _update(batch: KalmanBatch, k: int, z: Pair, R: Noise) -> None:
+    yx = yy = square = np.nan
+    if not np.isnan(z[0]):
+        m = len(batch.taylor)
+        updated = update_track(batch.mean, batch.covariance, k, m, z, R, batch.work)
+        yx, yy, square = updated[:3]
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = yx, yy, square
+
+
+@batch.moments.register
+def _moments(batch: KalmanBatch, k: int) -> Moments:
+    return chain_moments(batch.mean, batch.covariance, k, len(batch.taylor))
+
+
+@batch.diagnose.register
+def _diagnose(batch: KalmanBatch, k: int, columns: FloatArray, first: int, row: int) -> None:
+    write_innovation(batch.innovation, batch.nis, k, columns, first, row)

@@ -10,9 +10,24 @@ by two independent numbers in turn. As in `mdkf.chain`, Joseph's form is written
 optimal gain.
 """
 
+from mdkf.batch import Moments, Noise, Pair
 from mdkf.chain import are_coupled, predict_axis, predict_cross, update_axis
 from mdkf.compiled import inlined
 from mdkf.tables import FloatArray
+
+
+@inlined
+def start_track(x: FloatArray, P: FloatArray, k: int, z: Pair, variance: tuple[float, ...]) -> None:
+    """Track k of the batch x (n, 2m), P (n, 2m, 2m) at rest in z; variance (m,) of an axis."""
+    m = len(variance)
+    for i in range(2 * m):
+        x[k, i] = 0.0
+        for j in range(2 * m):
+            P[k, i, j] = 0.0
+    for axis in range(2):
+        x[k, axis * m] = z[axis]
+        for d in range(m):
+            P[k, axis * m + d, axis * m + d] = variance[d]
 
 
 @inlined
@@ -33,21 +48,20 @@ def update_track(
     P: FloatArray,
     k: int,
     m: int,
-    z: FloatArray,
-    R: FloatArray,
-    row: int,
+    z: Pair,
+    R: Noise,
     work: FloatArray,
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Update track k with the measurement z[row] = H x + N(0, R[row]), z (., 2), R (., 2, 2).
+    """Update track k with the measurement z = H x + N(0, R).
 
     work (2m, 2) is overwritten. Returns the innovation y (2 numbers), its normalised square (NIS)
     y' S^-1 y, det S, and H K (2 x 2, by rows).
     """
-    if R[row, 0, 1] == 0.0 and not are_coupled(P, k, m):
-        yx, sx, gain_x = update_axis(x, P, k, 0, m, z[row, 0], R[row, 0, 0])
-        yy, sy, gain_y = update_axis(x, P, k, m, m, z[row, 1], R[row, 1, 1])
+    if R[1] == 0.0 and not are_coupled(P, k, m):
+        yx, sx, gain_x = update_axis(x, P, k, 0, m, z[0], R[0])
+        yy, sy, gain_y = update_axis(x, P, k, m, m, z[1], R[2])
         return yx, yy, yx * yx / sx + yy * yy / sy, sx * sy, gain_x, 0.0, 0.0, gain_y
-    return _update_coupled(x, P, k, m, z, R, row, work)
+    return _update_coupled(x, P, k, m, z, R, work)
 
 
 @inlined
@@ -56,20 +70,19 @@ def _update_coupled(
     P: FloatArray,
     k: int,
     m: int,
-    z: FloatArray,
-    R: FloatArray,
-    row: int,
+    z: Pair,
+    R: Noise,
     work: FloatArray,
 ) -> tuple[float, float, float, float, float, float, float, float]:
     # R = L D L': the errors of px and of py - c px are independent, so these are two updates by
     # one number each. S^-1 by its determinant would lose all digits where x and y are almost
     # fully correlated.
-    r00, r01, r11 = R[row, 0, 0], R[row, 0, 1], R[row, 1, 1]
+    r00, r01, r11 = R
     c = r01 / r00
-    yx, yy = z[row, 0] - x[k, 0], z[row, 1] - x[k, m]
+    yx, yy = z[0] - x[k, 0], z[1] - x[k, m]
     sx = _update_along(x, P, k, m, 1.0, 0.0, yx, r00, work)
     from_x, to_y = work[0, 1], work[m, 1]
-    rest = (z[row, 1] - x[k, m]) - c * (z[row, 0] - x[k, 0])
+    rest = (z[1] - x[k, m]) - c * (z[0] - x[k, 0])
     sy = _update_along(x, P, k, m, -c, 1.0, rest, (r00 * r11 - r01 * r01) / r00, work)
     gx, gy = work[0, 1], work[m, 1]
     # The two gains as one of (px, py): the second also saw what the first had moved.
@@ -119,3 +132,19 @@ def _update_along(
                 P[k, m, i] = P[k, i, m]
         P[k, m, m] = work[m, 1] * r - hx * P[k, 0, m]
     return s
+
+
+@inlined
+def chain_moments(x: FloatArray, P: FloatArray, k: int, m: int) -> Moments:
+    """Position and velocity of track k, and the position's covariance."""
+    return x[k, 0], x[k, m], x[k, 1], x[k, m + 1], P[k, 0, 0], P[k, 0, m], P[k, m, m]
+
+
+@inlined
+def write_innovation(
+    innovation: FloatArray, nis: FloatArray, k: int, columns: FloatArray, first: int, row: int
+) -> None:
+    """Write track k's innovation and NIS into columns[first : first + 3, row]."""
+    columns[first, row] = innovation[k, 0]
+    columns[first + 1, row] = innovation[k, 1]
+    columns[first + 2, row] = nis[k]

@@ -4,7 +4,8 @@ The models of track k are the rows k K .. k K + K - 1 of mean (n K, 2m), covaria
 their probabilities are row k of probability (n, K).
 """
 
-from mdkf.compiled import inlined, kernel
+from mdkf.batch import Moments, Noise, Pair
+from mdkf.compiled import inlined
 from mdkf.tables import FloatArray, IntArray
 
 Models = tuple[FloatArray, FloatArray]
@@ -77,56 +78,44 @@ def mixture_innovation(
     mean: FloatArray,
     covariance: FloatArray,
     probability: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
     k: int,
-    z: FloatArray,
-    R: FloatArray,
+    z: Pair,
+    R: Noise,
     K: int,
     m: int,
-) -> None:
+) -> tuple[float, float, float]:
     """Innovation of track k's mixture and its NIS; its covariance includes the models' spread."""
     yx = yy = 0.0
     for j in range(K):
-        yx += probability[k, j] * (z[k, 0] - mean[k * K + j, 0])
-        yy += probability[k, j] * (z[k, 1] - mean[k * K + j, m])
-    s00, s01, s11 = R[k, 0, 0], R[k, 0, 1], R[k, 1, 1]
+        yx += probability[k, j] * (z[0] - mean[k * K + j, 0])
+        yy += probability[k, j] * (z[1] - mean[k * K + j, m])
+    s00, s01, s11 = R
     for j in range(K):
         row = k * K + j
-        dx, dy = z[k, 0] - mean[row, 0] - yx, z[k, 1] - mean[row, m] - yy
+        dx, dy = z[0] - mean[row, 0] - yx, z[1] - mean[row, m] - yy
         s00 += probability[k, j] * (covariance[row, 0, 0] + dx * dx)
         s01 += probability[k, j] * (covariance[row, 0, m] + dx * dy)
         s11 += probability[k, j] * (covariance[row, m, m] + dy * dy)
-    innovation[k, 0], innovation[k, 1] = yx, yy
-    nis[k] = (yx * (s11 * yx - s01 * yy) + yy * (s00 * yy - s01 * yx)) / (s00 * s11 - s01 * s01)
+    nis = (yx * (s11 * yx - s01 * yy) + yy * (s00 * yy - s01 * yx)) / (s00 * s11 - s01 * s01)
+    return yx, yy, nis
 
 
-@kernel
+@inlined
 def mixture_moments(
-    mean: FloatArray,
-    covariance: FloatArray,
-    probability: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    position_covariance: FloatArray,
-) -> None:
-    """Position, velocity and the position's covariance of every track's mixture."""
-    K, m = probability.shape[1], mean.shape[1] // 2
-    for k in range(probability.shape[0]):
-        px = py = vx = vy = cxx = cxy = cyy = 0.0
-        for j in range(K):
-            mu, row = probability[k, j], k * K + j
-            px += mu * mean[row, 0]
-            py += mu * mean[row, m]
-            vx += mu * mean[row, 1]
-            vy += mu * mean[row, m + 1]
-        for j in range(K):
-            mu, row = probability[k, j], k * K + j
-            dx, dy = mean[row, 0] - px, mean[row, m] - py
-            cxx += mu * (covariance[row, 0, 0] + dx * dx)
-            cxy += mu * (covariance[row, 0, m] + dx * dy)
-            cyy += mu * (covariance[row, m, m] + dy * dy)
-        position[k, 0], position[k, 1] = px, py
-        velocity[k, 0], velocity[k, 1] = vx, vy
-        position_covariance[k, 0, 0], position_covariance[k, 1, 1] = cxx, cyy
-        position_covariance[k, 0, 1], position_covariance[k, 1, 0] = cxy, cxy
+    mean: FloatArray, covariance: FloatArray, probability: FloatArray, k: int, K: int, m: int
+) -> Moments:
+    """Position and velocity of track k's mixture, and the position's covariance."""
+    px = py = vx = vy = cxx = cxy = cyy = 0.0
+    for j in range(K):
+        mu, row = probability[k, j], k * K + j
+        px += mu * mean[row, 0]
+        py += mu * mean[row, m]
+        vx += mu * mean[row, 1]
+        vy += mu * mean[row, m + 1]
+    for j in range(K):
+        mu, row = probability[k, j], k * K + j
+        dx, dy = mean[row, 0] - px, mean[row, m] - py
+        cxx += mu * (covariance[row, 0, 0] + dx * dx)
+        cxy += mu * (covariance[row, 0, m] + dx * dy)
+        cyy += mu * (covariance[row, m, m] + dy * dy)
+    return px, py, vx, vy, cxx, cxy, cyy

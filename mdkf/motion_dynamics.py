@@ -11,11 +11,13 @@ W = I until the window (`mdkf.motion_window`) holds enough positions. In a gap W
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from mdkf.compiled import inlined, kernel
+from mdkf import batch
+from mdkf.batch import Moments, Noise, Pair, predict_all, update_all
+from mdkf.compiled import inlined
 from mdkf.estimator import (
     arrays,
     check_step,
@@ -30,13 +32,17 @@ from mdkf.kalman import (
     check_model,
     innovation_columns,
     no_innovation,
-    record,
     start_chains,
 )
-from mdkf.kernels import predict_track, update_track
+from mdkf.kernels import (
+    chain_moments,
+    predict_track,
+    start_track,
+    update_track,
+    write_innovation,
+)
 from mdkf.motion import PROCESS_NOISE, START_VARIANCE
 from mdkf.motion_window import remember, weigh
-from mdkf.sequence import Estimates
 from mdkf.tables import BoolArray, FloatArray, IntArray
 
 Covariance = Literal["F", "FW"]
@@ -53,13 +59,13 @@ class MotionDynamicsState(KalmanState):
     """A `KalmanState` of n tracks, m = order + 1 derivatives per axis, and what weighs them.
 
     weight (n, 2, m), the diagonal of W by axis; window (n, k + order - 1, 2): denoised positions
-    [m], oldest first, the last `count` (n,) of them valid; missed (n,): whether the last frame
+    [m], oldest first, the last `filled` (n,) of them valid; missed (n,): whether the last frame
     had no measurement.
     """
 
     weight: FloatArray
     window: FloatArray
-    count: IntArray
+    filled: IntArray
     missed: BoolArray
 
 
@@ -122,7 +128,7 @@ class MotionDynamics(OneChain):
             *no_innovation(n),
             weight=np.ones((n, 2, self.order + 1)),
             window=window,
-            count=np.ones(n, dtype=np.int64),
+            filled=np.ones(n, dtype=np.int64),
             missed=np.zeros(n, dtype=np.bool_),
         )
 
@@ -130,10 +136,9 @@ class MotionDynamics(OneChain):
         """States dt [s] later."""
         check_step(dt)
         mean, covariance = state.mean.copy(), state.covariance.copy()
-        by_fw = self.covariance_by == "FW"
-        model = chain(self.order, dt, self.process_density)
-        _predict(mean, covariance, state.weight, by_fw, *model)
-        return MotionDynamicsState(mean, covariance, *arrays(state)[2:])
+        new = MotionDynamicsState(mean, covariance, *arrays(state)[2:])
+        predict_all(self.batch(new, dt), len(mean))
+        return new
 
     def update(
         self, state: MotionDynamicsState, position: FloatArray, noise: FloatArray
@@ -141,30 +146,24 @@ class MotionDynamics(OneChain):
         """States after positions (n, 2) with covariance (n, 2, 2); NaN rows are not measured."""
         z, R = checked_measurement(len(state.mean), position, noise)
         new = copied(state)
-        arguments = (*arrays(new), z, R, *self._choices)
-        _update(*arguments)
+        update_all(self.batch(new), z, R)
         return new
 
-    def run_compiled(
-        self,
-        state: MotionDynamicsState,
-        positions: FloatArray,
-        noise: FloatArray,
-        dt: float,
-        out: Estimates,
-    ) -> None:
-        """The compiled pass of `mdkf.filter_sequence`: fills `out`, and overwrites the state."""
-        model = (self.covariance_by == "FW", *chain(self.order, dt, self.process_density))
-        choices = (*self._choices, *model)
-        arguments = (*arrays(state), positions, noise, *choices, *arrays(out))
-        _filter(*arguments)
-
-    @property
-    def _choices(self) -> tuple[tuple[float, ...], int, bool, bool]:
-        """The options as the kernels take them; the factors as the paper's vector (1, l_v, ..)."""
-        denoise = get_args(Denoise).index(self.denoise)
-        factors = (1.0, *self.motion_factors)
-        return factors, denoise, self.after_gap == "reset", self.axes == "joint"
+    def batch(self, state: MotionDynamicsState, dt: float = 1.0) -> "MotionDynamicsBatch":
+        """The state's arrays for the kernels (`mdkf.batch`); updates do not depend on dt [s]."""
+        first_row, Q = chain(self.order, dt, self.process_density)
+        return MotionDynamicsBatch(
+            **vars(state),
+            taylor=first_row,
+            Q=Q,
+            start_variance=self.start_variance[: self.order + 1],
+            factors=(1.0, *self.motion_factors),
+            by_fw=self.covariance_by == "FW",
+            denoise=get_args(Denoise).index(self.denoise),
+            reset=self.after_gap == "reset",
+            joint=self.axes == "joint",
+            work=np.empty((state.mean.shape[1], 2)),
+        )
 
     def diagnostics(self, state: MotionDynamicsState) -> Mapping[str, FloatArray]:
         """weight_vx, weight_vy, weight_ax, .. (weight_jy); innovation_x, innovation_y [m], nis."""
@@ -176,127 +175,114 @@ class MotionDynamics(OneChain):
         return weights | innovation_columns(state.innovation, state.nis)
 
 
-@kernel
-def _predict(
-    mean: FloatArray,
-    covariance: FloatArray,
-    weight: FloatArray,
-    by_fw: bool,
-    taylor: tuple[float, ...],
-    Q: FloatArray,
-) -> None:
-    for k in range(mean.shape[0]):
-        _apply(mean, covariance, weight, k, len(taylor), by_fw)
-        predict_track(mean, covariance, k, taylor, Q)
+class MotionDynamicsBatch(NamedTuple):
+    """A `MotionDynamicsState` and its model as the kernels take them.
+
+    factors (1, l_v, ..), the paper's vector; denoise: index in `Denoise`; work (2m, 2) is
+    overwritten.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    innovation: FloatArray
+    nis: FloatArray
+    weight: FloatArray
+    window: FloatArray
+    filled: IntArray
+    missed: BoolArray
+    taylor: tuple[float, ...]
+    Q: FloatArray
+    start_variance: tuple[float, ...]
+    factors: tuple[float, ...]
+    by_fw: bool
+    denoise: int
+    reset: bool
+    joint: bool
+    work: FloatArray
 
 
-@inlined
-def _apply(
-    mean: FloatArray, covariance: FloatArray, weight: FloatArray, k: int, m: int, by_fw: bool
-) -> None:
-    """x <- W x of track k and, for covariance `FW`, P <- W P W."""
+@batch.start.register
+def _start(batch: MotionDynamicsBatch, k: int, z: Pair) -> None:
+    start_track(batch.mean, batch.covariance, k, z, batch.start_variance)
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = np.nan, np.nan, np.nan
+    _forget(batch, k)
+    length = batch.window.shape[1]
+    for i in range(length - 1):
+        batch.window[k, i, 0], batch.window[k, i, 1] = 0.0, 0.0
+    batch.window[k, length - 1, 0], batch.window[k, length - 1, 1] = z
+    batch.filled[k] = 1
+    batch.missed[k] = False
+
+
+@batch.predict.register
+def _predict(batch: MotionDynamicsBatch, k: int) -> None:
+    """x <- F W x; P <- F P F' + Q, with W P W for P by covariance `FW`."""
+    mean, covariance, weight, m = batch.mean, batch.covariance, batch.weight, len(batch.taylor)
     for axis in range(2):
         for d in range(1, m):
             mean[k, axis * m + d] *= weight[k, axis, d]
-    if by_fw:
+    if batch.by_fw:
         for axis in range(2):
             for d in range(1, m):
                 for other in range(2 * m):
                     covariance[k, axis * m + d, other] *= weight[k, axis, d]
                     covariance[k, other, axis * m + d] *= weight[k, axis, d]
+    predict_track(mean, covariance, k, batch.taylor, batch.Q)
 
 
-@kernel
-def _update(
-    mean: FloatArray,
-    covariance: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    weight: FloatArray,
-    window: FloatArray,
-    count: IntArray,
-    missed: BoolArray,
-    z: FloatArray,
-    R: FloatArray,
-    factors: tuple[float, ...],
-    denoise: int,
-    reset: bool,
-    joint: bool,
+@batch.update.register
+def _update(batch: MotionDynamicsBatch, k: int, z: Pair, R: Noise) -> None:
+    if np.isnan(z[0]):
+        batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = np.nan, np.nan, np.nan
+        batch.missed[k] = True
+        return
+    m = len(batch.taylor)
+    updated = update_track(batch.mean, batch.covariance, k, m, z, R, batch.work)
+    yx, yy, square, _, h00, h01, h10, h11 = updated
+    batch.innovation[k, 0], batch.innovation[k, 1], batch.nis[k] = yx, yy, square
+    if batch.reset and batch.missed[k]:
+        _forget(batch, k)
+    batch.missed[k] = False
+    # The denoised position (eq. clear_noise_measurement); options in the order of `Denoise`.
+    x, y = z
+    if batch.denoise == 0:
+        x -= h00 * R[0] + h01 * R[2]
+        y -= h10 * R[0] + h11 * R[2]
+    elif batch.denoise == 1:
+        x -= h00 * yx + h01 * yy
+        y -= h10 * yx + h11 * yy
+    elif batch.denoise == 2:
+        x, y = batch.mean[k, 0], batch.mean[k, m]
+    window, weight, factors = batch.window, batch.weight, batch.factors
+    batch.filled[k] = min(batch.filled[k] + 1, window.shape[1])
+    of_positions, of_steps, of_changes = remember(window, k, x, y, m)
+    if batch.filled[k] == window.shape[1]:
+        weigh(weight, k, 1, of_positions, factors[1], batch.joint)
+        weigh(weight, k, 2, of_steps, factors[2], batch.joint)
+        if m > 3:
+            weigh(weight, k, 3, of_changes, factors[-1], batch.joint)
+
+
+@inlined
+def _forget(batch: MotionDynamicsBatch, k: int) -> None:
+    """Clear the window of track k: W = I until it can be formed again."""
+    batch.filled[k] = 0
+    for d in range(len(batch.taylor)):
+        batch.weight[k, 0, d] = 1.0
+        batch.weight[k, 1, d] = 1.0
+
+
+@batch.moments.register
+def _moments(batch: MotionDynamicsBatch, k: int) -> Moments:
+    return chain_moments(batch.mean, batch.covariance, k, len(batch.taylor))
+
+
+@batch.diagnose.register
+def _diagnose(
+    batch: MotionDynamicsBatch, k: int, columns: FloatArray, first: int, row: int
 ) -> None:
-    m = len(factors)
-    work = np.empty((2 * m, 2))
-    for k in range(mean.shape[0]):
-        if np.isnan(z[k, 0]):
-            innovation[k, 0], innovation[k, 1], nis[k] = np.nan, np.nan, np.nan
-            missed[k] = True
-            continue
-        yx, yy, square, _, h00, h01, h10, h11 = update_track(mean, covariance, k, m, z, R, k, work)
-        innovation[k, 0], innovation[k, 1], nis[k] = yx, yy, square
-        if reset and missed[k]:
-            count[k] = 0
-            for d in range(1, m):
-                weight[k, 0, d] = 1.0
-                weight[k, 1, d] = 1.0
-        missed[k] = False
-        # The denoised position (eq. clear_noise_measurement); options in the order of `Denoise`.
-        x, y = z[k, 0], z[k, 1]
-        if denoise == 0:
-            x -= h00 * R[k, 0, 0] + h01 * R[k, 1, 1]
-            y -= h10 * R[k, 0, 0] + h11 * R[k, 1, 1]
-        elif denoise == 1:
-            x -= h00 * yx + h01 * yy
-            y -= h10 * yx + h11 * yy
-        elif denoise == 2:
-            x, y = mean[k, 0], mean[k, m]
-        count[k] = min(count[k] + 1, window.shape[1])
-        of_positions, of_steps, of_changes = remember(window, k, x, y, m)
-        if count[k] == window.shape[1]:
-            weigh(weight, k, 1, of_positions, factors[1], joint)
-            weigh(weight, k, 2, of_steps, factors[2], joint)
-            if m > 3:
-                weigh(weight, k, 3, of_changes, factors[-1], joint)
-
-
-@kernel
-def _filter(
-    mean: FloatArray,
-    covariance: FloatArray,
-    innovation: FloatArray,
-    nis: FloatArray,
-    weight: FloatArray,
-    window: FloatArray,
-    count: IntArray,
-    missed: BoolArray,
-    z: FloatArray,
-    R: FloatArray,
-    factors: tuple[float, ...],
-    denoise: int,
-    reset: bool,
-    joint: bool,
-    by_fw: bool,
-    taylor: tuple[float, ...],
-    Q: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    position_covariance: FloatArray,
-) -> None:
-    for t in range(z.shape[0]):
-        if t > 0:
-            _predict(mean, covariance, weight, by_fw, taylor, Q)
-            _update(
-                mean,
-                covariance,
-                innovation,
-                nis,
-                weight,
-                window,
-                count,
-                missed,
-                z[t],
-                R[t % R.shape[0]],
-                factors,
-                denoise,
-                reset,
-                joint,
-            )
-        record(mean, covariance, position[t], velocity[t], position_covariance[t])
+    m = len(batch.taylor)
+    for d in range(1, m):
+        for axis in range(2):
+            columns[first + 2 * (d - 1) + axis, row] = batch.weight[k, axis, d]
+    write_innovation(batch.innovation, batch.nis, k, columns, first + 2 * (m - 1), row)

@@ -4,11 +4,13 @@ What a Monte Carlo experiment needs: n tracks at once, all frames in one compile
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mdkf.estimator import Estimator, check_step, first_bad, refusal
+from mdkf.batch import filter_all, is_batched
+from mdkf.estimator import Estimator, arrays, check_step, first_bad, refusal
 from mdkf.tables import FloatArray
 
 
@@ -47,9 +49,9 @@ def filter_sequence(
     state = estimator.start(z[0], R[0])
     T, n, _ = z.shape
     out = Estimates(np.empty((T, n, 2)), np.empty((T, n, 2)), np.empty((T, n, 2, 2)))
-    compiled = getattr(estimator, "run_compiled", None)
-    if compiled is not None and np.ndim(dt) == 0:
-        compiled(state, z, R, float(np.asarray(dt)), out)
+    if is_batched(estimator) and np.ndim(dt) == 0:
+        built_in: Any = estimator
+        filter_all(built_in.batch(state, float(np.asarray(dt))), z, R, *arrays(out))
         return out
     for t in range(T):
         if t > 0:

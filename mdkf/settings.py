@@ -7,6 +7,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+Cost = Literal["distance", "mahalanobis"]
+Assignment = Literal["greedy", "optimal"]
 Position = Literal["posterior", "measurement"]
 Confirmation = Literal["retrospective", "online"]
 
@@ -15,13 +17,17 @@ Confirmation = Literal["retrospective", "online"]
 class TrackerSettings:
     """Rules and reporting of a tracker.
 
-    gate: largest distance from a prediction to its detection, exclusive [m].
+    gate: largest cost of a prediction and its detection, exclusive: [m], or standard deviations
+        where the cost is Mahalanobis' distance.
     validity: a track is confirmed for good once its validity exceeds this.
     score, confirmed_score: detections below the second are dropped; those between the two count
         only within the gate of a confirmed track.
     x_var, y_var: variances of a detection along the world's axes [m2].
     max_variance: a track is deleted once its predicted variance along x or y exceeds this [m2].
     max_missed: a track is deleted after more frames than this without a detection; None: never.
+    cost: bird's-eye `distance` (RobMOT) or `mahalanobis` distance of prediction and detection.
+    assignment: `greedy`, the pair of least cost first (RobMOT), or `optimal`, the least sum of
+        costs.
     position: what a track reports in frames with a detection: the filter's `posterior` or the
         `measurement` itself (RobMOT).
     coasting: whether tracks are reported in frames without a detection.
@@ -37,6 +43,8 @@ class TrackerSettings:
     y_var: float
     max_variance: float = 4.0
     max_missed: int | None = None
+    cost: Cost = "distance"
+    assignment: Assignment = "greedy"
     position: Position = "posterior"
     coasting: bool = True
     confirmation: Confirmation = "retrospective"
@@ -48,7 +56,12 @@ class TrackerSettings:
                 raise ValueError(f"{name} is {value}, expected a number above 0")
         if self.max_missed is not None and self.max_missed < 0:
             raise ValueError(f"max_missed is {self.max_missed}, expected a count of frames")
-        for option, kind in (("position", Position), ("confirmation", Confirmation)):
+        for option, kind in (
+            ("cost", Cost),
+            ("assignment", Assignment),
+            ("position", Position),
+            ("confirmation", Confirmation),
+        ):
             if getattr(self, option) not in get_args(kind):
                 value = getattr(self, option)
                 raise ValueError(f"{option} is {value!r}, expected one of {get_args(kind)}")

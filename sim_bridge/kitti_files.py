@@ -5,8 +5,10 @@ rectified camera axes (x right, y down, z forward) of their own frame. Every err
 names the file and, where there is one, its line.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,12 @@ _SEQUENCE = ("sequence", "filler", "first", "frames")
 
 _LARGEST = 10**9
 """Largest number that a file may hold, of whatever unit."""
+
+_PLAIN = b"\t\n\r" + bytes(range(ord(" "), 0x7F))
+"""What the files may hold: ASCII without control characters. Python takes more than that for
+spaces, digits and ends of lines, so that rows and numbers could be others than they seem."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 _ROTATION_TOLERANCE = 1e-3
 """How far R R^T may be from the identity: the files round to six decimals."""
@@ -71,8 +79,15 @@ def read_sequences(root: Path, split: str = "training") -> dict[str, int]:
     path = root / f"{SEQUENCES}{split}"
     table = _Table.read(path, _SEQUENCE, words=("sequence", "filler"))
     table.whole("first", 0, 0)
-    frames = table.whole("frames", 1, _LARGEST)
-    return dict(zip(table.words["sequence"], frames.tolist(), strict=True))
+    frames = table.whole("frames", 1, _LARGEST).tolist()
+    sequences: dict[str, int] = {}
+    for line, name, count in zip(table.line, table.words["sequence"], frames, strict=True):
+        if name in sequences:
+            raise KittiError(
+                f"{path}: line {line}: sequence is {name[:40]!r}, expected at most once"
+            )
+        sequences[name] = count
+    return sequences
 
 
 def read_labels(path: Path, n_frames: int) -> CameraBoxes:
@@ -144,10 +159,20 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        return read_bytes(path).decode("utf-8").splitlines()
-    except UnicodeDecodeError:
-        raise KittiError(f"{path}: is not UTF-8 text") from None
+    """The lines of a file of plain text; `KittiError` at the first that is none."""
+    content = read_bytes(path)
+    if content.translate(None, _PLAIN):
+        try:
+            content.decode("utf-8")
+        except UnicodeDecodeError:
+            raise KittiError(f"{path}: is not UTF-8 text") from None
+        for k, line in enumerate(content.splitlines()):
+            if strange := line.translate(None, _PLAIN):
+                raise KittiError(
+                    f"{path}: line {k + 1}: holds {strange.decode()[0]!a},"
+                    " expected ASCII without control characters"
+                )
+    return content.decode("ascii").splitlines()
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,51 +267,54 @@ class _Table:
 
 def _numbers(path: Path, names: Sequence[str], rows: list[list[str]]) -> FloatArray:
     """Rows of words as numbers (rows, columns)."""
+    words = list(chain.from_iterable(rows))
     try:
-        numbers = np.array([[float(word) for word in row] for row in rows], dtype=np.float64)
+        numbers = np.fromiter(map(float, words), np.float64, len(words))
     except ValueError:
-        numbers = None
-    if numbers is None or not (np.abs(numbers) <= _LARGEST).all():
+        numbers = np.full(len(words), np.nan)
+    # Python takes 1_000 for a number, too.
+    if not (np.abs(numbers) <= _LARGEST).all() or "_" in "".join(words):
         for k, row in enumerate(rows):
             for name, word in zip(names, row, strict=True):
                 if not _is_number(word):
                     raise KittiError(
                         f"{path}: line {k + 1}: {name} is {word[:40]!r}, expected a number"
                     )
-    assert numbers is not None
     return numbers.reshape(len(rows), len(names))
 
 
 def _is_number(word: str) -> bool:
-    try:
-        return abs(float(word)) <= _LARGEST  # not so for NaN
-    except ValueError:
-        return False
+    return _NUMBER.fullmatch(word) is not None and abs(float(word)) <= _LARGEST
 
 
 def _matrix(path: Path, key: str, columns: int, rotates: bool = True) -> FloatArray:
     """The (3, columns) matrix of a calibration file's line `KEY: numbers`; R in front of one that
     rotates."""
-    for k, line in enumerate(_lines(path)):
-        name, _, rest = line.partition(":")
-        if name.strip() == key:
-            words = rest.split()
-            where = f"{path}: line {k + 1}: {key}"
-            if len(words) != 3 * columns:
-                raise KittiError(f"{where} has {len(words)} numbers, expected {3 * columns}")
-            for word in words:
-                if not _is_number(word):
-                    raise KittiError(f"{where} holds {word[:40]!r}, expected numbers")
-            matrix = np.array([float(word) for word in words]).reshape(3, columns)
-            if rotates and not _is_rotation(matrix[None, :, :3])[0]:
-                raise KittiError(f"{where} is no rotation matrix")
-            return matrix
-    raise KittiError(f"{path}: no line {key}:")
+    lines = [line.partition(":") for line in _lines(path)]
+    found = [k for k, (name, _, _) in enumerate(lines) if name.strip() == key]
+    if not found:
+        raise KittiError(f"{path}: no line {key}:")
+    if len(found) > 1:
+        raise KittiError(f"{path}: line {found[1] + 1}: {key} is there twice, expected once")
+    words = lines[found[0]][2].split()
+    where = f"{path}: line {found[0] + 1}: {key}"
+    if len(words) != 3 * columns:
+        raise KittiError(f"{where} has {len(words)} numbers, expected {3 * columns}")
+    for word in words:
+        if not _is_number(word):
+            raise KittiError(f"{where} holds {word[:40]!r}, expected numbers")
+    matrix = np.array([float(word) for word in words]).reshape(3, columns)
+    if rotates and not _is_rotation(matrix[None, :, :3])[0]:
+        raise KittiError(f"{where} is no rotation matrix")
+    return matrix
 
 
 def _is_rotation(matrices: FloatArray) -> BoolArray:
     """Whether each of the matrices (n, 3, 3) is a proper rotation, to rounding."""
     product = matrices @ matrices.transpose(0, 2, 1)
     off = np.abs(product - np.eye(3)).max(axis=(1, 2))
-    proper: BoolArray = (off <= _ROTATION_TOLERANCE) & np.greater(np.linalg.det(matrices), 0.0)
+    first, second, third = matrices.transpose(1, 0, 2)
+    # Not numpy's determinant: it divides by pivots, which may be next to nothing.
+    determinant = np.sum(np.cross(first, second) * third, axis=1)
+    proper: BoolArray = (off <= _ROTATION_TOLERANCE) & np.greater(determinant, 0.0)
     return proper

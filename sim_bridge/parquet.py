@@ -2,11 +2,13 @@
 
 One file holds one table. Codes are stored as their names, a trace's ego path as rows of kind
 `ego` (object -1, derivatives null), so that any Parquet reader shows something sensible. Schema
-version, content hash and provenance travel in the file's metadata.
+version, content hash and provenance travel in the file's metadata; so does a seal, the hash of all
+bytes of the file but its own, by which damage is told before Parquet readers stumble over it.
 """
 
 import contextlib
 import errno
+import hashlib
 import json
 import os
 import tempfile
@@ -23,6 +25,16 @@ SCHEMA_VERSION = 1
 EGO = "ego"
 _TABLES: dict[str, type[Table]] = {t.__name__: t for t in (Trace, EgoPath, Detections, Tracks)}
 _KEY = "mdkf"
+_HEADER: Mapping[str, tuple[type, ...]] = {
+    "table": (str,),
+    "schema": (int,),
+    "n_frames": (int,),
+    "dt": (int, float),  # as it was given: 1 and 1.0 have different content hashes
+    "content_hash": (str,),
+    "provenance": (dict,),
+}
+_SEAL = '"sha256" '  # what the seal begins with: in no JSON stands a space after a name
+_NO_DIGEST = "0" * 64
 _EGO_COLUMNS = ("frame", "x", "y", "z", "yaw")
 
 AnyTable = TypeVar("AnyTable", bound=Table)
@@ -45,7 +57,10 @@ def write_table(table: Table, path: str | Path) -> None:
         "provenance": dict(table.provenance),
         "diagnostics": list(getattr(table, "diagnostics", ())),
     }
-    write_frame(data, Path(path), {_KEY: json.dumps(header, sort_keys=True)})
+    metadata = {_KEY: json.dumps(header, sort_keys=True), f"{_KEY}.seal": _SEAL + _NO_DIGEST}
+    with replacing(Path(path)) as temporary:
+        _write_parquet(data, temporary, path, metadata)
+        temporary.write_bytes(_sealed(temporary.read_bytes()))
 
 
 def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
@@ -58,13 +73,18 @@ def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
     header, data = _read(path)
     if header["schema"] != SCHEMA_VERSION:
         raise TableError(
-            f"{path}: schema version {header['schema']}, this mdkf reads version {SCHEMA_VERSION}"
+            f"{path}: schema version {_short(header['schema'])}, this mdkf reads version"
+            f" {SCHEMA_VERSION}"
         )
     if header["table"] != expected.__name__:
-        raise TableError(f"{path}: holds {header['table']}, expected {expected.__name__}")
+        held = header["table"] if header["table"] in _TABLES else "no table of mdkf's"
+        raise TableError(f"{path}: holds {held}, expected {expected.__name__}")
     try:
         table = _from_frame(expected, header, data)
-    except (TableError, KeyError, TypeError, ValueError, pl.exceptions.PolarsError) as error:
+    except (
+        *(KeyError, TypeError, ValueError, OverflowError, MemoryError),
+        pl.exceptions.PolarsError,
+    ) as error:
         raise TableError(f"{path}: {_one_line(error)}") from error
     if table.content_hash() != header["content_hash"]:
         raise TableError(f"{path}: content does not match its hash; the file was altered")
@@ -79,13 +99,10 @@ def read_any_table(path: str | Path) -> Table:
     return read_table(path, kind)
 
 
-def write_frame(data: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
+def write_frame(data: pl.DataFrame, path: Path) -> None:
     """Write a polars frame as Parquet, whole or not at all; `OSError` names the file."""
     with replacing(path) as temporary:
-        try:
-            data.write_parquet(temporary, metadata=metadata)
-        except pl.exceptions.PolarsError as error:
-            raise OSError(errno.EIO, f"cannot be written: {_one_line(error)}", str(path)) from error
+        _write_parquet(data, temporary, path)
 
 
 @contextlib.contextmanager
@@ -114,6 +131,26 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def _write_parquet(
+    data: pl.DataFrame, temporary: Path, path: str | Path, metadata: dict[str, str] | None = None
+) -> None:
+    try:
+        data.write_parquet(temporary, metadata=metadata)
+    except pl.exceptions.PolarsError as error:
+        raise OSError(errno.EIO, f"cannot be written: {_one_line(error)}", str(path)) from error
+
+
+def _sealed(content: bytes) -> bytes:
+    """The bytes of a file, its seal filled in; as they are if there is no seal in them."""
+    before, seal, rest = content.rpartition(_SEAL.encode())
+    if not seal:
+        return content
+    after = rest[len(_NO_DIGEST) :]
+    digest = hashlib.sha256(before)
+    digest.update(after)
+    return b"".join([before, seal, digest.hexdigest().encode(), after])
+
+
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
@@ -124,17 +161,26 @@ def _read(path: Path) -> tuple[Mapping[str, Any], pl.DataFrame]:
     if not path.is_file():
         raise TableError(f"{path}: no such file")
     try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read: {error.strerror}") from None
+    if content != _sealed(content):
+        raise TableError(f"{path}: content does not match its hash; the file was altered")
+    try:
         header = json.loads(pl.read_parquet_metadata(path)[_KEY])
         data = pl.read_parquet(path)
     except KeyError:
         raise TableError(f"{path}: a Parquet file, but not one of mdkf's tables") from None
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         raise TableError(f"{path}: not a readable Parquet file ({_one_line(error)})") from error
-    required = {"table", "schema", "n_frames", "dt", "content_hash", "provenance"}
-    if not isinstance(header, dict) or not required <= header.keys():
-        raise TableError(f"{path}: mdkf's header is incomplete, expected {sorted(required)}")
-    if not isinstance(header["provenance"], dict):
-        raise TableError(f"{path}: the provenance in mdkf's header is no mapping of names")
+    if not isinstance(header, dict) or not _HEADER.keys() <= header.keys():
+        raise TableError(f"{path}: mdkf's header is incomplete, expected {sorted(_HEADER)}")
+    for key, types in _HEADER.items():
+        if type(header[key]) not in types:
+            expected = " or ".join(kind.__name__ for kind in types)
+            raise TableError(
+                f"{path}: {key} in mdkf's header is {_short(header[key])}, expected {expected}"
+            )
     return header, data
 
 
@@ -151,8 +197,8 @@ def _to_frame(table: Table) -> pl.DataFrame:
 
 def _from_frame(kind: type[AnyTable], header: Mapping[str, Any], data: pl.DataFrame) -> AnyTable:
     common: dict[str, Any] = {
-        "n_frames": int(header["n_frames"]),
-        "dt": float(header["dt"]),
+        "n_frames": header["n_frames"],
+        "dt": header["dt"],
         "provenance": {str(k): str(v) for k, v in header["provenance"].items()},
     }
     others: dict[str, Any] = dict(common)
@@ -178,6 +224,10 @@ def _arrays(kind: type[Table], data: pl.DataFrame) -> dict[str, Any]:
             column = column.replace_strict(codes, return_dtype=pl.UInt8)
         arrays[name] = column.to_numpy()
     return arrays
+
+
+def _short(value: object) -> str:
+    return repr(value)[:40]
 
 
 def _one_line(error: BaseException) -> str:

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
-from experiments.bench import filters, scoring, sensing, simulation, start_up, trackers
+from experiments.bench import (
+    filters,
+    recordings,
+    scoring,
+    sensing,
+    simulation,
+    start_up,
+    trackers,
+)
 from experiments.bench.measure import Block, Case, Clock, measure
 from experiments.bench.plan import Plan
 from experiments.bench.results import Results
@@ -26,6 +34,7 @@ PARTS: Mapping[str, Part] = MappingProxyType(
     {
         filters.WHAT: Part(filters.blocks),
         trackers.WHAT: Part(trackers.blocks),
+        recordings.WHAT: Part(recordings.blocks),
         scoring.WHAT: Part(scoring.blocks),
         sensing.WHAT: Part(sensing.blocks),
         simulation.WHAT: Part(simulation.blocks, simulation.cpu_time, processes=True),

@@ -14,7 +14,7 @@ class Plan:
     steps: of a run, frame by frame; updates: of all tracks together in a compiled run, which has
     at least `passes` steps: a pass also starts the tracks and makes room for the estimates.
     objects: numbers of objects of the whole tracker; frames: of its sequence.
-    scored: frames of the sequence that is scored, with 20 objects.
+    crowds: numbers of objects whose tracks are scored; scored: frames of each.
     boxes: in view of the sensor.
     simulated: of dense traffic, for a trace [s].
     """
@@ -27,12 +27,13 @@ class Plan:
     steps: int = 20
     updates: int = 100_000
     passes: int = 50
-    objects: tuple[int, ...] = (10, 50, 200)
+    objects: tuple[int, ...] = (10, 50, 200, 1000)
     frames: int = 100
+    crowds: tuple[int, ...] = (20, 200)
     scored: int = 1000
     boxes: int = 200
     simulated: float = 60.0
 
 
-QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50)
+QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50, scored=200)
 """A look at all sizes in some seconds."""

@@ -3,7 +3,15 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from experiments.bench import filters, sensing, simulation, start_up, trackers
+from experiments.bench import (
+    filters,
+    recordings,
+    scoring,
+    sensing,
+    simulation,
+    start_up,
+    trackers,
+)
 from experiments.bench.measure import Summary, summary
 from experiments.bench.results import Results
 
@@ -23,8 +31,14 @@ FLAT = 2.0
 FEWER, MORE = 1000, 10_000
 MD_OVER_CA = 1.3
 OBJECTS = 10
+CROWD, CROWD_FRAMES = 1000, 10.0
+"""Objects, and frames a second at least."""
+RECORDED_FRAMES = 200_000.0
+"""A second at least, of MD on KITTI's val split; RobMOT's C++ does 14 000 to 22 000."""
 WARM_START = 2.0
 """[s]"""
+TIMES_TRACKEVAL = {20: 10.0, 200: 1.0}
+"""By the number of objects in the crowd."""
 SIGHT = {sensing.FRACTIONS: 300.0, sensing.RETURNS: 100.0}
 """At `BOXES` boxes [us per frame]."""
 BOXES = 200
@@ -58,7 +72,17 @@ class Target:
 
 def targets(results: Results) -> list[Target]:
     """The targets of what was measured."""
-    known = (_against_filterpy, _flat, _tracker, _sight, _flow, _start)
+    known = (
+        _against_filterpy,
+        _flat,
+        _tracker,
+        _crowd,
+        _recorded,
+        _scoring,
+        _sight,
+        _flow,
+        _start,
+    )
     return [target for part in known for target in part(results)]
 
 
@@ -90,6 +114,30 @@ def _tracker(results: Results) -> Iterator[Target]:
         cost: Summary = results.cost_ratio(cases["md"], cases["ca"])
         text = f"the whole tracker at {OBJECTS} objects, cost of md over ca"
         yield Target(text, trackers.TIER, MD_OVER_CA, False, *cost)
+
+
+def _crowd(results: Results) -> Iterator[Target]:
+    for name, case in results.cases(trackers.WHAT, trackers.TIER, CROWD).items():
+        text = f"{name}, {CROWD} objects: frames a second"
+        yield Target(text, case.tier, CROWD_FRAMES, True, *summary(1.0 / results.samples[case]))
+
+
+def _recorded(results: Results) -> Iterator[Target]:
+    for block in results.blocks:
+        for case in block.cases:
+            if (case.what, case.name) == (recordings.WHAT, "md"):
+                text = f"{case.name} on KITTI's {recordings.SPLIT} split: frames a second"
+                frames = summary(1.0 / results.samples[case])
+                yield Target(text, case.tier, RECORDED_FRAMES, True, *frames)
+
+
+def _scoring(results: Results) -> Iterator[Target]:
+    for objects, bound in TIMES_TRACKEVAL.items():
+        ours = results.cases(scoring.WHAT, scoring.TIER, objects).get(scoring.NAME)
+        theirs = results.cases(scoring.WHAT, scoring.TRACKEVAL, objects).get(scoring.NAME)
+        if ours and theirs:
+            text = f"{scoring.NAME} of {objects} objects, times as fast as trackeval"
+            yield Target(text, scoring.TIER, bound, True, *results.cost_ratio(theirs, ours))
 
 
 def _sight(results: Results) -> Iterator[Target]:

@@ -8,13 +8,21 @@ never 0 or 1.
 
 from experiments.metrics.boxes import (
     COLUMNS,
+    Pairs,
     Similarity,
     bird_iou,
     box_iou,
     image_coverage,
     image_iou,
 )
-from experiments.metrics.clear import ClearScores, clear, combine_clear
+from experiments.metrics.clear import (
+    ClearMatches,
+    ClearScores,
+    clear,
+    clear_matches,
+    clear_of,
+    combine_clear,
+)
 from experiments.metrics.hota import ALPHAS, HotaScores, combine_hota, hota
 from experiments.metrics.identity import IdentityScores, combine_identity, identity
 from experiments.metrics.matching import Sequence, sequence_from_matrices, sequence_from_rows
@@ -22,14 +30,18 @@ from experiments.metrics.matching import Sequence, sequence_from_matrices, seque
 __all__ = [
     "ALPHAS",
     "COLUMNS",
+    "ClearMatches",
     "ClearScores",
     "HotaScores",
     "IdentityScores",
+    "Pairs",
     "Sequence",
     "Similarity",
     "bird_iou",
     "box_iou",
     "clear",
+    "clear_matches",
+    "clear_of",
     "combine_clear",
     "combine_hota",
     "combine_identity",

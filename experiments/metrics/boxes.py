@@ -1,17 +1,17 @@
-"""Boxes into similarities: every truth box of a frame against every track box of that frame.
+"""Boxes into similarities: of every box of a set with every box of another, frame by frame.
 
     centre  max(0, 1 - d / scale) of the bird's-eye distance d
     bird    intersection over union of rotated rectangles, seen from above
     box     intersection over union of upright rotated boxes, in space
     image   intersection over union of axis-aligned rectangles in an image
 
-In the frame of rectangle a, there |x| <= A and |y| <= B, the boundary of rectangle b
-gives, counter-clockwise, by Green's theorem
+The area that rectangles a and b share is an integral along the edges of b (Green's theorem): in the
+frame of a, which is |x| <= A, |y| <= B,
 
-    |a and b| = - closed integral over the boundary of b, inside |x| <= A, of clip(y, -B, B) dx
+    |a and b| = - integral of clip(y, -B, B) dx over the part |x| <= A of b's boundary
 
-No corner of the intersection is ever computed, so parallel edges are no special case. Coordinates
-are relative to a, so that boxes far from the origin lose nothing.
+counter-clockwise. No corner of the intersection is ever computed, so parallel edges are no special
+case; and coordinates are relative to a, so boxes far from the origin lose nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,6 +42,24 @@ COLUMNS: Mapping[Similarity, tuple[str, ...]] = MappingProxyType(
 
 CENTRE_SCALE = 2.0
 """Distance [m] at which two centres stop being similar: 1 m apart is similarity 0.5."""
+
+
+class Pairs(NamedTuple):
+    """The similar ones of all pairs of rows (a, b) that share a frame.
+
+    Row r of a is similar to the rows `row[start[r] : start[r + 1]]` of b, rising, by so much each;
+    to no other.
+
+    Attributes:
+        start: (n_rows_of_a + 1,) offsets into the other two.
+        row: (n_pairs,) row of b.
+        similarity: (n_pairs,).
+    """
+
+    start: Ints
+    row: Ints
+    similarity: Floats
+
 
 _SIZES = frozenset({"length", "width", "height"})
 _CENTRE, _BIRD, _BOX, _IMAGE, _COVERAGE = range(5)
@@ -136,15 +154,15 @@ def as_boxes(
     return boxes
 
 
-def similarities(
+def similar_pairs(
     similarity: Similarity,
     truth_start: Ints,
     truth: Floats,
     track_start: Ints,
     track: Floats,
     scale: float = CENTRE_SCALE,
-) -> Floats:
-    """Similarities of all frames, flat: their (truth, track) matrices in row-major order.
+) -> Pairs:
+    """The pairs of truth and track rows of one frame whose similarity is above 0.
 
     Args:
         similarity: which one.
@@ -153,40 +171,66 @@ def similarities(
         track_start, track: likewise.
         scale: of `centre` alone: distance [m] from which the similarity is 0.
     """
-    return _similarities(_CODES[similarity], truth_start, truth, track_start, track, scale)
+    return Pairs(*_pairs(_CODES[similarity], truth_start, truth, track_start, track, scale))
 
 
 def _matrix(code: int, a: Floats, b: Floats) -> Floats:
-    one = np.array([0, len(a)]), np.array([0, len(b)])
-    return _similarities(code, one[0], a, one[1], b, CENTRE_SCALE).reshape(len(a), len(b))
+    start, column, similarity = _pairs(
+        code, np.array([0, len(a)]), a, np.array([0, len(b)]), b, CENTRE_SCALE
+    )
+    matrix = np.zeros((len(a), len(b)))
+    matrix[np.repeat(np.arange(len(a)), np.diff(start)), column] = similarity
+    return matrix
 
 
 @njit(cache=True, error_model="numpy")
-def _similarities(
+def _pairs(
     code: int, a_start: Ints, a: Floats, b_start: Ints, b: Floats, scale: float
-) -> Floats:
-    n_entries = 0
+) -> tuple[Ints, Ints, Floats]:
+    start = np.zeros(len(a) + 1, np.int64)
+    row, similarity = np.empty(0, np.int64), np.empty(0)
+    in_image = code in (_IMAGE, _COVERAGE)
+    radius_a, radius_b = _radius(code, a, scale), _radius(code, b, scale)
+    n = 0
     for frame in range(len(a_start) - 1):
-        n_entries += (a_start[frame + 1] - a_start[frame]) * (b_start[frame + 1] - b_start[frame])
-    similarity = np.zeros(n_entries)
-    rotated = code in (_BIRD, _BOX)
-    radius_a, radius_b = _radius(code, a), _radius(code, b)
-    entry = -1
-    for frame in range(len(a_start) - 1):
+        first, last = b_start[frame], b_start[frame + 1]
         for i in range(a_start[frame], a_start[frame + 1]):
-            for j in range(b_start[frame], b_start[frame + 1]):
-                entry += 1
-                if rotated:
-                    dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], radius_a[i] + radius_b[j]
-                    if dx * dx + dy * dy >= reach * reach:
-                        continue
-                similarity[entry] = _similarity(code, a[i], b[j], scale)
-    return similarity
+            if n + last - first > len(row):
+                room = 2 * len(row) + last - first
+                row, similarity = _resized(row, n, room), _resized(similarity, n, room)
+            for j in range(first, last):
+                if in_image:
+                    near = a[i, 0] < b[j, 2] and b[j, 0] < a[i, 2]
+                    near = near and a[i, 1] < b[j, 3] and b[j, 1] < a[i, 3]
+                else:
+                    dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
+                    reach = radius_a[i] + radius_b[j]
+                    near = dx * dx + dy * dy < reach * reach
+                if near:
+                    value = _similarity(code, a[i], b[j], scale)
+                    if value > 0.0:
+                        row[n], similarity[n] = j, value
+                        n += 1
+            start[i + 1] = n
+    return start, _resized(row, n, n), _resized(similarity, n, n)
+
+
+@njit(cache=True)
+def _resized(values: NDArray[Any], n: int, room: int) -> NDArray[Any]:
+    """The first `n` values in an array that has room for `room`."""
+    result = np.empty(room, values.dtype)
+    result[:n] = values[:n]
+    return result
 
 
 @njit(cache=True, error_model="numpy")
-def _radius(code: int, boxes: Floats) -> Floats:
-    """Radius (n,) [m] of the circumscribed circle on the ground, of rotated boxes."""
+def _radius(code: int, boxes: Floats, scale: float) -> Floats:
+    """(n,) rows on the ground that are not closer than their radii together have nothing in common.
+
+    In an image none is needed: the borders tell as much.
+    """
+    if code == _CENTRE:
+        return np.full(len(boxes), scale / 2)
     if code == _BIRD:
         return np.hypot(boxes[:, 3], boxes[:, 4]) / 2
     if code == _BOX:
@@ -293,9 +337,9 @@ def _below(x0: float, y0: float, x1: float, y1: float, A: float, B: float) -> fl
         return 0.0
     y_begin = y0 + (begin - x0) / (x1 - x0) * (y1 - y0)
     y_end = y1 + (end - x1) / (x1 - x0) * (y1 - y0)
-    low, high = min(max(y_begin, -B), B), min(max(y_end, -B), B)
-    mean = low + high
-    if low != high:
+    first, last = min(max(y_begin, -B), B), min(max(y_end, -B), B)
+    height = first + last  # twice the mean
+    if first != last:
         # The parts outside the strip count with its border, by their share of the edge.
-        mean += (low - high) * (mean - (y_begin + y_end)) / (y_end - y_begin)
-    return 0.5 * mean * (end - begin)
+        height += (first - last) * (height - (y_begin + y_end)) / (y_end - y_begin)
+    return 0.5 * height * (end - begin)

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.optimize import linear_sum_assignment
+from numpy.typing import NDArray
 
-from experiments.metrics.boxes import Floats, Ints
-from experiments.metrics.matching import Sequence, TruthRows, ratio
+from experiments.metrics.assignment import match_frame
+from experiments.metrics.boxes import Ints, Pairs
+from experiments.metrics.matching import Sequence, ratio
 
 _CONTINUATION = 1000.0
 """Reward of continuing a match, in units of similarity: more than any frame's similarities sum to
@@ -67,35 +68,65 @@ class ClearScores:
     similarity_sum: float
 
 
+@dataclass(frozen=True, eq=False)
+class ClearMatches:
+    """What CLEAR matches, row by row and object by object.
+
+    Attributes:
+        track_row: (n_truth_rows,) the track row matched to every truth row, -1 for none.
+        switched: (n_truth_rows,) whether the match is an identity switch.
+        n_matched, n_starts: (n_objects,) matched rows, and their uninterrupted stretches.
+        similarity_sum: sum of the matches' similarities.
+    """
+
+    track_row: Ints
+    switched: NDArray[np.bool_]
+    n_matched: Ints
+    n_starts: Ints
+    similarity_sum: float
+
+
 def clear(sequence: Sequence, threshold: float = 0.5) -> ClearScores:
     """CLEAR scores of one sequence; a match needs a similarity of at least `threshold`."""
+    return clear_of(sequence, clear_matches(sequence, threshold))
+
+
+def clear_matches(sequence: Sequence, threshold: float = 0.5) -> ClearMatches:
+    """The matches that `clear(sequence, threshold)` counts."""
+    cut = threshold - _EPSILON
+    pairs = sequence.pairs if cut > 0.0 else sequence.every_pair
     # TrackEval passes over frames without truth or without tracks: they interrupt nothing.
-    frames = np.flatnonzero(np.diff(sequence.similarity_start))
-    matched = _match_frames(sequence, frames, threshold - _EPSILON)
-    n_matched, n_starts, idsw, similarity_sum = _histories(
-        frames,
-        sequence.truth_start,
-        sequence.truth,
-        sequence.track,
-        sequence.truth_rows,
-        sequence.similarity,
-        matched,
-        sequence.n_objects,
+    both = (np.diff(sequence.truth_start) > 0) & (np.diff(sequence.track_start) > 0)
+    return ClearMatches(
+        *_follow(
+            np.flatnonzero(both),
+            sequence.truth_start,
+            sequence.truth,
+            sequence.track_start,
+            sequence.track,
+            pairs,
+            cut,
+            sequence.n_objects,
+        )
     )
-    fraction = n_matched / np.diff(sequence.truth_rows.object_start)
-    tp = int(n_matched.sum())
+
+
+def clear_of(sequence: Sequence, matches: ClearMatches) -> ClearScores:
+    """CLEAR scores of a sequence that is matched already."""
+    fraction = matches.n_matched / np.diff(sequence.object_start)
+    tp = int(matches.n_matched.sum())
     mt = int(np.sum(fraction > _MOSTLY_TRACKED))
     pt = int(np.sum(fraction >= _PARTLY_TRACKED)) - mt
     return _scores(
-        idsw=int(idsw),
+        idsw=int(matches.switched.sum()),
         tp=tp,
         fn=len(sequence.truth) - tp,
         fp=len(sequence.track) - tp,
         mt=mt,
         pt=pt,
         ml=sequence.n_objects - mt - pt,
-        frag=int(np.maximum(n_starts - 1, 0).sum()),
-        similarity_sum=similarity_sum,
+        frag=int(np.maximum(matches.n_starts - 1, 0).sum()),
+        similarity_sum=matches.similarity_sum,
     )
 
 
@@ -133,166 +164,45 @@ def _scores(
     )
 
 
-def _match_frames(sequence: Sequence, frames: Ints, cut: float) -> Ints:
-    """(n_truth_rows,) the track row matched to every truth row, -1 for none."""
-    matched = np.full(len(sequence.truth), -1)
-    last_track = np.full(sequence.n_objects, -1)
-    last_step = np.full(sequence.n_objects, -2)
-    truth_start = sequence.truth_start[frames].tolist()
-    track_start = sequence.track_start[frames].tolist()
-    step = 0
-    while True:
-        step, cost = _match_until_rivals(
-            step,
-            frames,
-            sequence.truth_start,
-            sequence.truth,
-            sequence.track_start,
-            sequence.track,
-            sequence.similarity_start,
-            sequence.similarity,
-            cut,
-            matched,
-            last_track,
-            last_step,
-        )
-        if step == len(frames):
-            return matched
-        row, column = linear_sum_assignment(cost)
-        _accept(
-            step,
-            truth_start[step],
-            track_start[step],
-            row,
-            column,
-            cost,
-            sequence.truth,
-            sequence.track,
-            matched,
-            last_track,
-            last_step,
-        )
-        step += 1
-
-
 @njit(cache=True)
-def _accept(
-    step: int,
-    first: int,
-    first_track: int,
-    row: Ints,
-    column: Ints,
-    cost: Floats,
-    truth: Ints,
-    track: Ints,
-    matched: Ints,
-    last_track: Ints,
-    last_step: Ints,
-) -> None:
-    """Write the rewarded ones of a frame's pairs (row, column) into the last three arrays."""
-    for pair in range(len(row)):
-        i, j = row[pair], column[pair]
-        if cost[i, j] < -_EPSILON:
-            matched[first + i] = first_track + j
-            last_track[truth[first + i]] = track[first_track + j]
-            last_step[truth[first + i]] = step
-
-
-@njit(cache=True)
-def _match_until_rivals(
-    step: int,
+def _follow(
     frames: Ints,
     truth_start: Ints,
     truth: Ints,
     track_start: Ints,
     track: Ints,
-    similarity_start: Ints,
-    similarity: Floats,
+    pairs: Pairs,
     cut: float,
-    matched: Ints,
-    last_track: Ints,
-    last_step: Ints,
-) -> tuple[int, Floats]:
-    """Match frames from `frames[step]` on, up to the first where tracks or objects are rivals.
-
-    Without rivals there is nothing to choose. Returns the step that needs an assignment and its
-    (objects, tracks) costs: minus the similarity and minus the reward of continuing a match.
-    """
-    while step < len(frames):
-        frame = frames[step]
-        first, last = truth_start[frame], truth_start[frame + 1]
-        first_track, n_tracks = track_start[frame], track_start[frame + 1] - track_start[frame]
-        cost = np.zeros((last - first, n_tracks))
-        row, column, n_pairs = np.empty(last - first, np.int64), np.empty(last - first, np.int64), 0
-        n_in_column = np.zeros(n_tracks, np.int64)
-        n_rivals = 0
-        entry = similarity_start[frame]
-        for i in range(last - first):
-            n_in_row = 0
-            obj = truth[first + i]
-            expected = last_track[obj] if last_step[obj] == step - 1 else -1
-            for j in range(n_tracks):
-                value = similarity[entry]
-                entry += 1
-                if value >= cut:
-                    if track[first_track + j] == expected:
-                        value += _CONTINUATION
-                    cost[i, j] = -value
-                    if n_in_row == 0:
-                        row[n_pairs], column[n_pairs] = i, j
-                        n_pairs += 1
-                    n_in_row += 1
-                    n_in_column[j] += 1
-                    n_rivals = max(n_rivals, n_in_row, n_in_column[j])
-        if n_rivals > 1:
-            return step, cost
-        row, column = row[:n_pairs], column[:n_pairs]
-        _accept(
-            step,
-            first,
-            first_track,
-            row,
-            column,
-            cost,
-            truth,
-            track,
-            matched,
-            last_track,
-            last_step,
-        )
-        step += 1
-    return step, np.zeros((0, 0))
-
-
-@njit(cache=True)
-def _histories(
-    frames: Ints,
-    truth_start: Ints,
-    truth: Ints,
-    track: Ints,
-    rows: TruthRows,
-    similarity: Floats,
-    matched: Ints,
     n_objects: int,
-) -> tuple[Ints, Ints, int, float]:
-    """Per object its matched rows and uninterrupted stretches; then switches and similarities."""
-    n_matched = np.zeros(n_objects, np.int64)
-    n_starts = np.zeros(n_objects, np.int64)
-    last_track = np.full(n_objects, -1)
-    last_step = np.full(n_objects, -2)
-    idsw = 0
+) -> tuple[Ints, NDArray[np.bool_], Ints, Ints, float]:
+    """Match frame by frame, at similarities of at least `cut`; returns what `ClearMatches` has."""
+    matched = np.full(len(truth), -1)
+    score = np.zeros(len(pairs.row))
+    n_matched, n_starts = np.zeros(n_objects, np.int64), np.zeros(n_objects, np.int64)
+    last_track, last_step = np.full(n_objects, -1), np.full(n_objects, -2)
+    track_row, switched = np.full(len(truth), -1), np.zeros(len(truth), np.bool_)
     total = 0.0
     for step in range(len(frames)):
+        frame = frames[step]
+        for row in range(truth_start[frame], truth_start[frame + 1]):
+            obj = truth[row]
+            expected = last_track[obj] if last_step[obj] == step - 1 else -1
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                if pairs.similarity[k] >= cut:
+                    continued = track[pairs.row[k]] == expected
+                    score[k] = _CONTINUATION * continued + pairs.similarity[k]
+        match_frame(frame, truth_start, track_start, pairs, score, matched)
         in_frame = 0.0
-        for row in range(truth_start[frames[step]], truth_start[frames[step] + 1]):
-            if matched[row] < 0:
+        for row in range(truth_start[frame], truth_start[frame + 1]):
+            pair = matched[row]
+            if pair < 0 or score[pair] <= _EPSILON:
                 continue
-            obj, index = truth[row], track[matched[row]]
+            obj, index = truth[row], track[pairs.row[pair]]
             n_matched[obj] += 1
-            idsw += last_track[obj] >= 0 and last_track[obj] != index
+            track_row[row] = pairs.row[pair]
+            switched[row] = last_track[obj] >= 0 and last_track[obj] != index
             n_starts[obj] += last_step[obj] != step - 1
-            last_track[obj] = index
-            last_step[obj] = step
-            in_frame += similarity[rows.first_entry[row] + matched[row] - rows.first_track[row]]
+            last_track[obj], last_step[obj] = index, step
+            in_frame += pairs.similarity[pair]
         total += in_frame
-    return n_matched, n_starts, idsw, total
+    return track_row, switched, n_matched, n_starts, total

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
-from experiments.metrics.boxes import Floats, Ints
-from experiments.metrics.matching import Sequence, TruthRows
+from experiments.metrics.assignment import match_frame
+from experiments.metrics.boxes import Floats, Ints, Pairs
+from experiments.metrics.matching import Sequence
 
 ALPHAS: Floats = np.arange(0.05, 0.99, 0.05)
 """(19,) similarity thresholds 0.05, 0.10, ..., 0.95, rounded as TrackEval's."""
@@ -102,26 +102,28 @@ class HotaScores:
 
 def hota(sequence: Sequence) -> HotaScores:
     """HOTA of one sequence, with TrackEval's matching."""
-    rows = sequence.truth_rows
-    truth_sum, track_sum, matched, n_rivals = _similarity_sums(
-        sequence.truth_start, sequence.track_start, sequence.similarity
+    pairs = sequence.pairs
+    score = _alignment_scores(
+        sequence.object_start,
+        sequence.object_rows,
+        sequence.track,
+        sequence.track_count,
+        pairs,
+        *similarity_sums(sequence.truth_start, sequence.track_start, pairs),
     )
-    _repeat_sums_as_numpy(sequence, np.flatnonzero(n_rivals > 2), truth_sum, track_sum)
-    cost = _assignment_costs(
-        rows, sequence.track, sequence.track_count, sequence.similarity, truth_sum, track_sum
-    )
-    _assign(sequence, np.flatnonzero(n_rivals > 1), cost, matched)
+    matched = _match(sequence.truth_start, sequence.track_start, pairs, score)
     hits = np.flatnonzero(matched >= 0)
     match_track = np.full(len(matched), -1)
-    match_track[hits] = sequence.track[matched[hits]]
+    match_track[hits] = sequence.track[pairs.row[matched[hits]]]
     match_similarity = np.zeros(len(matched))
-    entry = rows.first_entry + matched - rows.first_track
-    match_similarity[hits] = sequence.similarity[entry[hits]]
+    match_similarity[hits] = pairs.similarity[matched[hits]]
     # A row counts at the thresholds ALPHAS[:level].
     level = np.zeros(len(matched), np.int64)
     level[hits] = np.searchsorted(ALPHAS - _EPSILON, match_similarity[hits], side="right")
     tp, similarity_sum = _localisation(sequence.truth_start, level, match_similarity)
-    association = _association(rows, match_track, level, sequence.track_count)
+    association = _association(
+        sequence.object_start, sequence.object_rows, match_track, level, sequence.track_count
+    )
     return _scores(
         tp, len(sequence.truth) - tp, len(sequence.track) - tp, association, similarity_sum
     )
@@ -171,95 +173,102 @@ def _ratios(numerator: Floats | Ints, denominator: Ints) -> Floats:
     return values
 
 
-def _repeat_sums_as_numpy(
-    sequence: Sequence, frames: Ints, truth_sum: Floats, track_sum: Floats
-) -> None:
-    """Replace the sums of `frames` by numpy's, whose order of rounding decides TrackEval's ties."""
-    for k in frames.tolist():
-        matrix = sequence.frame_similarity(k)
-        truth_sum[sequence.truth_start[k] : sequence.truth_start[k + 1]] = matrix.sum(1)
-        track_sum[sequence.track_start[k] : sequence.track_start[k + 1]] = matrix.sum(0)
-
-
-def _assign(sequence: Sequence, frames: Ints, cost: Floats, matched: Ints) -> None:
-    """Write the track rows of the cheapest assignment of each of `frames` into `matched`."""
-    truth_start, track_start = sequence.truth_start.tolist(), sequence.track_start.tolist()
-    start = sequence.similarity_start.tolist()
-    for k in frames.tolist():
-        first, last = truth_start[k], truth_start[k + 1]
-        row, column = linear_sum_assignment(cost[start[k] : start[k + 1]].reshape(last - first, -1))
-        matched[first:last] = -1
-        matched[first + row] = track_start[k] + column
-
-
 @njit(cache=True)
-def _similarity_sums(
-    truth_start: Ints, track_start: Ints, similarity: Floats
-) -> tuple[Floats, Floats, Ints, Ints]:
-    """What each frame's matrix says by itself.
+def similarity_sums(truth_start: Ints, track_start: Ints, pairs: Pairs) -> tuple[Floats, Floats]:
+    """Sums of each frame's matrix: of its rows (n_truth_rows,) and of its columns (n_track_rows,).
 
-    Returns the sums of its rows (n_truth_rows,) and columns (n_track_rows,), the last track row
-    that is similar to each truth row (n_truth_rows,) (-1: none), and the largest number of positive
-    similarities in any of its rows and columns (n_frames,). Where that is 1 there is nothing to
-    choose: the one similar track is the match. Where it is 2 the sums are still exact in any order.
+    Added in numpy's order: between interchangeable tracks only rounding decides which is matched.
     """
-    n_frames = len(truth_start) - 1
     truth_sum, track_sum = np.zeros(truth_start[-1]), np.zeros(track_start[-1])
-    similar = np.full(truth_start[-1], -1)
-    n_rivals = np.zeros(n_frames, np.int64)
-    n_in_column = np.zeros(track_start[-1], np.int64)
-    entry = 0
-    for frame in range(n_frames):
-        for i in range(truth_start[frame], truth_start[frame + 1]):
-            n_in_row = 0
-            for j in range(track_start[frame], track_start[frame + 1]):
-                value = similarity[entry]
-                entry += 1
-                if value > 0.0:
-                    truth_sum[i] += value
-                    track_sum[j] += value
-                    similar[i] = j
-                    n_in_row += 1
-                    n_in_column[j] += 1
-                    n_rivals[frame] = max(n_rivals[frame], n_in_row, n_in_column[j])
-    return truth_sum, track_sum, similar, n_rivals
+    for frame in range(len(truth_start) - 1):
+        first, last = truth_start[frame], truth_start[frame + 1]
+        first_track, n_tracks = track_start[frame], track_start[frame + 1] - track_start[frame]
+        for i in range(first, last):
+            begin, end = pairs.start[i], pairs.start[i + 1]
+            for k in range(begin, end):
+                truth_sum[i] += pairs.similarity[k]
+                # Columns are added up row by row ...
+                track_sum[pairs.row[k]] += pairs.similarity[k]
+            if end - begin > 2:  # of two numbers the order does not matter
+                column = pairs.row[begin:end] - first_track
+                truth_sum[i] = _sum_as_numpy(column, pairs.similarity[begin:end], n_tracks)
+        if n_tracks == 1:
+            # ... but for one column alone, which lies in memory like a row.
+            row = np.flatnonzero(np.diff(pairs.start[first : last + 1]))
+            value = pairs.similarity[pairs.start[first] : pairs.start[last]]
+            track_sum[first_track] = _sum_as_numpy(row, value, last - first)
+    return truth_sum, track_sum
 
 
 @njit(cache=True)
-def _assignment_costs(
-    rows: TruthRows,
+def _sum_as_numpy(place: Ints, value: Floats, n: int) -> float:
+    """The sum of an array of n numbers rounded as numpy's: pairwise, in blocks of at most 128.
+
+    place: rising indices of the numbers that are not 0; value: those numbers.
+    """
+    if len(value) == 0:
+        return 0.0
+    if n > 128:
+        half = n // 2 - n // 2 % 8
+        split = np.searchsorted(place, half)
+        head = _sum_as_numpy(place[:split], value[:split], half)
+        return float(head + _sum_as_numpy(place[split:] - half, value[split:], n - half))
+    # Eight partial sums of every eighth number, then what eight does not divide.
+    part = np.zeros(8)
+    in_parts = n - n % 8 if n >= 8 else 0
+    k = 0
+    while k < len(place) and place[k] < in_parts:
+        part[place[k] % 8] += value[k]
+        k += 1
+    total = (part[0] + part[1] + (part[2] + part[3])) + (part[4] + part[5] + (part[6] + part[7]))
+    for rest in value[k:]:
+        total += rest
+    return float(total)
+
+
+@njit(cache=True)
+def _alignment_scores(
+    object_start: Ints,
+    object_rows: Ints,
     track: Ints,
     track_count: Ints,
-    similarity: Floats,
+    pairs: Pairs,
     truth_sum: Floats,
     track_sum: Floats,
 ) -> Floats:
-    """Minus similarity times global alignment, in the layout of `similarity`.
+    """(n_pairs,) similarity times global alignment.
 
     Object by object: an object's alignment needs the overlaps of that object only, so one array of
     n_tracks is enough.
     """
-    cost = np.zeros(len(similarity))
+    score = np.zeros(len(pairs.row))
     overlap = np.zeros(len(track_count))
-    for obj in range(len(rows.object_start) - 1):
-        own = rows.by_object[rows.object_start[obj] : rows.object_start[obj + 1]]
+    for obj in range(len(object_start) - 1):
+        own = object_rows[object_start[obj] : object_start[obj + 1]]
         for row in own:
-            for j in range(rows.n_tracks[row]):
-                value = similarity[rows.first_entry[row] + j]
-                if value > 0.0:
-                    union = track_sum[rows.first_track[row] + j] + truth_sum[row] - value
-                    if union > _EPSILON:
-                        overlap[track[rows.first_track[row] + j]] += value / union
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                value = pairs.similarity[k]
+                union = track_sum[pairs.row[k]] + truth_sum[row] - value
+                if union > _EPSILON:
+                    overlap[track[pairs.row[k]]] += value / union
         for row in own:
-            for j in range(rows.n_tracks[row]):
-                value = similarity[rows.first_entry[row] + j]
-                if value > 0.0:
-                    index = track[rows.first_track[row] + j]
-                    alignment = overlap[index] / (len(own) + track_count[index] - overlap[index])
-                    cost[rows.first_entry[row] + j] = -(alignment * value)
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                index = track[pairs.row[k]]
+                alignment = overlap[index] / (len(own) + track_count[index] - overlap[index])
+                score[k] = alignment * pairs.similarity[k]
         for row in own:
-            overlap[track[rows.first_track[row] : rows.first_track[row] + rows.n_tracks[row]]] = 0.0
-    return cost
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                overlap[track[pairs.row[k]]] = 0.0
+    return score
+
+
+@njit(cache=True)
+def _match(truth_start: Ints, track_start: Ints, pairs: Pairs, score: Floats) -> Ints:
+    """(n_truth_rows,) the pair that each truth row is matched in, -1 for none."""
+    matched = np.full(truth_start[-1], -1)
+    for frame in range(len(truth_start) - 1):
+        match_frame(frame, truth_start, track_start, pairs, score, matched)
+    return matched
 
 
 @njit(cache=True)
@@ -278,12 +287,14 @@ def _localisation(truth_start: Ints, level: Ints, similarity: Floats) -> tuple[I
 
 
 @njit(cache=True)
-def _association(rows: TruthRows, match_track: Ints, level: Ints, track_count: Ints) -> Floats:
+def _association(
+    object_start: Ints, object_rows: Ints, match_track: Ints, level: Ints, track_count: Ints
+) -> Floats:
     """(3, 19) sums of association accuracy, recall and precision over the matches."""
     sums = np.zeros((3, _N_ALPHAS))
     count = np.zeros((len(track_count), _N_ALPHAS), np.int64)
-    for obj in range(len(rows.object_start) - 1):
-        own = rows.by_object[rows.object_start[obj] : rows.object_start[obj + 1]]
+    for obj in range(len(object_start) - 1):
+        own = object_rows[object_start[obj] : object_start[obj + 1]]
         for row in own:
             for a in range(level[row]):
                 count[match_track[row], a] += 1

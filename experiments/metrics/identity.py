@@ -17,8 +17,8 @@ from numba import njit
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-from experiments.metrics.boxes import Floats, Ints
-from experiments.metrics.matching import Sequence, TruthRows, ratio
+from experiments.metrics.boxes import Ints, Pairs
+from experiments.metrics.matching import Sequence, ratio
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,14 @@ class IdentityScores:
 
 def identity(sequence: Sequence, threshold: float = 0.5) -> IdentityScores:
     """Identity scores of one sequence; a match is a similarity of at least `threshold`."""
+    pairs = sequence.pairs if threshold > 0.0 else sequence.every_pair
     obj, track, count = _common_rows(
-        sequence.truth_rows, sequence.track, sequence.n_tracks, sequence.similarity, threshold
+        sequence.object_start,
+        sequence.object_rows,
+        sequence.track,
+        sequence.n_tracks,
+        pairs,
+        threshold,
     )
     idtp = _most_matches(obj, track, count, sequence.n_objects, sequence.n_tracks)
     return _scores(idtp, len(sequence.truth) - idtp, len(sequence.track) - idtp)
@@ -94,19 +100,25 @@ def _most_matches(obj: Ints, track: Ints, count: Ints, n_objects: int, n_tracks:
 
 @njit(cache=True)
 def _common_rows(
-    rows: TruthRows, track: Ints, n_tracks: int, similarity: Floats, threshold: float
+    object_start: Ints,
+    object_rows: Ints,
+    track: Ints,
+    n_tracks: int,
+    pairs: Pairs,
+    threshold: float,
 ) -> tuple[Ints, Ints, Ints]:
     """The (object, track) pairs that match anywhere and the number of frames in which they do."""
     objects, tracks, counts = [np.int64(0)], [np.int64(0)], [np.int64(0)]
     count = np.zeros(n_tracks, np.int64)
-    for obj in range(len(rows.object_start) - 1):
-        own = rows.by_object[rows.object_start[obj] : rows.object_start[obj + 1]]
+    for obj in range(len(object_start) - 1):
+        own = object_rows[object_start[obj] : object_start[obj + 1]]
         for row in own:
-            for j in range(rows.n_tracks[row]):
-                if similarity[rows.first_entry[row] + j] >= threshold:
-                    count[track[rows.first_track[row] + j]] += 1
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                if pairs.similarity[k] >= threshold:
+                    count[track[pairs.row[k]]] += 1
         for row in own:
-            for index in track[rows.first_track[row] : rows.first_track[row] + rows.n_tracks[row]]:
+            for k in range(pairs.start[row], pairs.start[row + 1]):
+                index = track[pairs.row[k]]
                 if count[index] > 0:
                     objects.append(np.int64(obj))
                     tracks.append(index)

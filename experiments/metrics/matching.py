@@ -1,7 +1,7 @@
 """Rows of truth and tracks into a `Sequence`: what the metrics see of one sequence.
 
-Objects and tracks get dense indices, frames become slices of flat arrays, and every frame has a
-matrix of similarities between its objects and its tracks: made from their boxes, or given.
+Objects and tracks get dense indices, frames become slices of flat arrays, and the pairs of objects
+and tracks that are similar at all are listed: made from their boxes, or given as matrices.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence as ListLike
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -19,9 +19,10 @@ from experiments.metrics.boxes import (
     CENTRE_SCALE,
     Floats,
     Ints,
+    Pairs,
     Similarity,
     as_boxes,
-    similarities,
+    similar_pairs,
 )
 
 _SIMILARITY_ROUNDING = 1e-9
@@ -33,22 +34,6 @@ def ratio(numerator: float, denominator: float) -> float:
     return float(numerator) / float(denominator) if denominator else float("nan")
 
 
-class TruthRows(NamedTuple):
-    """Where to find each truth row's similarities, and the truth rows of each object.
-
-    `first_track`, `n_tracks` and `first_entry` have shape (n_truth_rows,): row r is compared with
-    the track rows from `first_track[r]` on, `n_tracks[r]` of them, and their similarities begin at
-    `similarity[first_entry[r]]`. Object o has the rows `by_object[object_start[o] :
-    object_start[o + 1]]`, in time order.
-    """
-
-    first_track: Ints
-    n_tracks: Ints
-    first_entry: Ints
-    by_object: Ints
-    object_start: Ints
-
-
 @dataclass(frozen=True, eq=False)
 class Sequence:
     """Truth and tracks of one sequence as the metrics see them; checked when made.
@@ -58,8 +43,7 @@ class Sequence:
         truth: (n_truth_rows,) object index, 0..n_objects-1, each used, once per frame at most.
         track_start: (n_frames + 1,) offsets of the frames into `track`.
         track: (n_track_rows,) track index, 0..n_tracks-1, each used, once per frame at most.
-        similarity: flat, 0 to 1; the frames' (objects in frame, tracks in frame) matrices in
-            row-major order, one after another.
+        pairs: track rows similar to each truth row of their frame, by more than 0 and up to 1.
         n_objects: number of different objects.
         n_tracks: number of different tracks.
 
@@ -71,7 +55,7 @@ class Sequence:
     truth: Ints
     track_start: Ints
     track: Ints
-    similarity: Floats
+    pairs: Pairs
     n_objects: int
     n_tracks: int
 
@@ -85,44 +69,51 @@ class Sequence:
         return len(self.truth_start) - 1
 
     @cached_property
-    def similarity_start(self) -> Ints:
-        """(n_frames + 1,) offsets of the frames' matrices into `similarity`."""
-        sizes = np.diff(self.truth_start) * np.diff(self.track_start)
-        return np.concatenate((np.zeros(1, np.int64), np.cumsum(sizes)))
+    def truth_frame(self) -> Ints:
+        """(n_truth_rows,) frame of each truth row."""
+        return np.repeat(np.arange(self.n_frames), np.diff(self.truth_start))
 
     @cached_property
-    def truth_rows(self) -> TruthRows:
-        """The truth rows as the kernels walk them: object by object, in time order."""
-        frame = np.repeat(np.arange(self.n_frames), np.diff(self.truth_start))
-        n_tracks = np.diff(self.track_start)[frame]
-        place = np.arange(len(self.truth)) - self.truth_start[frame]
+    def object_start(self) -> Ints:
+        """(n_objects + 1,) offsets of the objects into `object_rows`."""
         counts = np.bincount(self.truth, minlength=self.n_objects)
-        return TruthRows(
-            first_track=self.track_start[frame],
-            n_tracks=n_tracks,
-            first_entry=self.similarity_start[frame] + place * n_tracks,
-            by_object=np.argsort(self.truth, kind="stable"),
-            object_start=np.concatenate((np.zeros(1, np.int64), np.cumsum(counts))),
-        )
+        return np.concatenate((np.zeros(1, np.int64), np.cumsum(counts)))
+
+    @cached_property
+    def object_rows(self) -> Ints:
+        """(n_truth_rows,) the truth rows object by object, each object's in time order."""
+        return np.argsort(self.truth, kind="stable")
 
     @cached_property
     def track_count(self) -> Ints:
         """(n_tracks,) number of rows of each track."""
         return np.bincount(self.track, minlength=self.n_tracks).astype(np.int64)
 
+    @cached_property
+    def every_pair(self) -> Pairs:
+        """All pairs of rows that share a frame, those of similarity 0 too."""
+        n_tracks = np.diff(self.track_start)[self.truth_frame]
+        start = np.concatenate((np.zeros(1, np.int64), np.cumsum(n_tracks)))
+        shift = self.track_start[self.truth_frame] - start[:-1]
+        similarity = np.zeros(start[-1])
+        truth_row = np.repeat(np.arange(len(self.truth)), np.diff(self.pairs.start))
+        similarity[self.pairs.row - shift[truth_row]] = self.pairs.similarity
+        return Pairs(start, np.arange(start[-1]) + np.repeat(shift, n_tracks), similarity)
+
     def frame_similarity(self, k: int) -> Floats:
-        """Similarities (objects in frame, tracks in frame) of frame `k`, as a view.
+        """Similarities (objects in frame, tracks in frame) of frame `k`.
 
         Raises:
             IndexError: if there is no frame `k`.
         """
         if not 0 <= k < self.n_frames:
             raise IndexError(f"frame {k} is outside 0..{self.n_frames - 1}")
-        entries = self.similarity[self.similarity_start[k] : self.similarity_start[k + 1]]
-        return entries.reshape(
-            int(self.truth_start[k + 1] - self.truth_start[k]),
-            int(self.track_start[k + 1] - self.track_start[k]),
-        )
+        first, last = self.truth_start[k : k + 2]
+        matrix = np.zeros((last - first, self.track_start[k + 1] - self.track_start[k]))
+        own = slice(self.pairs.start[first], self.pairs.start[last])
+        i = np.repeat(np.arange(last - first), np.diff(self.pairs.start[first : last + 1]))
+        matrix[i, self.pairs.row[own] - self.track_start[k]] = self.pairs.similarity[own]
+        return matrix
 
     def validate(self) -> None:
         """Check that the arrays fit each other.
@@ -132,7 +123,6 @@ class Sequence:
         """
         for name in ("truth_start", "truth", "track_start", "track"):
             _check_array(name, getattr(self, name), np.dtype(np.int64))
-        _check_array("similarity", self.similarity, np.dtype(np.float64))
         if len(self.truth_start) != len(self.track_start):
             raise ValueError(
                 f"truth_start has {len(self.truth_start)} offsets and track_start "
@@ -140,16 +130,10 @@ class Sequence:
             )
         _check_rows("truth", self.truth_start, self.truth, self.n_objects)
         _check_rows("track", self.track_start, self.track, self.n_tracks)
-        if len(self.similarity) != self.similarity_start[-1]:
-            raise ValueError(
-                f"similarity has {len(self.similarity)} entries: "
-                f"the frames' matrices need {self.similarity_start[-1]}"
-            )
-        # Written so that NaN fails too.
-        if len(self.similarity) and not (
-            self.similarity.min() >= 0.0 and self.similarity.max() <= 1.0 + _SIMILARITY_ROUNDING
-        ):
-            raise ValueError("similarity must be between 0 and 1 everywhere")
+        _check_array("pairs.start", self.pairs.start, np.dtype(np.int64))
+        _check_array("pairs.row", self.pairs.row, np.dtype(np.int64))
+        _check_array("pairs.similarity", self.pairs.similarity, np.dtype(np.float64))
+        _check_pairs(self.pairs, self.track_start, self.truth_frame)
 
 
 def sequence_from_rows(
@@ -194,8 +178,8 @@ def sequence_from_rows(
     track_start, track, track_rows, n_tracks = _sorted_rows(
         "track", track_frame, track_id, track_boxes, n_frames, similarity
     )
-    values = similarities(similarity, truth_start, truth_rows, track_start, track_rows, scale)
-    return Sequence(truth_start, truth, track_start, track, values, n_objects, n_tracks)
+    pairs = similar_pairs(similarity, truth_start, truth_rows, track_start, track_rows, scale)
+    return Sequence(truth_start, truth, track_start, track, pairs, n_objects, n_tracks)
 
 
 def sequence_from_matrices(
@@ -221,18 +205,25 @@ def sequence_from_matrices(
         )
     truth_start, truth, n_objects = _dense_indices("truth_id", truth_id)
     track_start, track, n_tracks = _dense_indices("track_id", track_id)
-    flat = [np.zeros(0)]
-    for k, matrix in enumerate(similarity):
-        values = np.asarray(matrix, dtype=np.float64)
+    counts, rows, values = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    for k, given in enumerate(similarity):
+        matrix = np.asarray(given, dtype=np.float64)
         expected = int(np.diff(truth_start)[k]), int(np.diff(track_start)[k])
-        if values.shape != expected:
+        if matrix.shape != expected:
             raise ValueError(
-                f"similarity of frame {k} has shape {values.shape}, expected {expected}"
+                f"similarity of frame {k} has shape {matrix.shape}, expected {expected}"
             )
-        flat.append(values.ravel())
-    return Sequence(
-        truth_start, truth, track_start, track, np.concatenate(flat), n_objects, n_tracks
+        # Not > 0, so that what is wrong is refused: below 0, or not a number.
+        i, j = np.nonzero(matrix)
+        counts.append(np.bincount(i, minlength=len(matrix)))
+        rows.append(track_start[k] + j)
+        values.append(matrix[i, j])
+    pairs = Pairs(
+        np.cumsum(np.concatenate(counts), dtype=np.int64),
+        np.concatenate(rows),
+        np.concatenate(values),
     )
+    return Sequence(truth_start, truth, track_start, track, pairs, n_objects, n_tracks)
 
 
 def _dense_indices(name: str, ids: ListLike[ArrayLike]) -> tuple[Ints, Ints, int]:
@@ -304,6 +295,37 @@ def _check_rows(name: str, start: Ints, index: Ints, n: int) -> None:
     if row >= 0:
         frame = np.searchsorted(start, row, side="right") - 1
         raise ValueError(f"{name} index {index[row]} occurs twice in frame {frame}")
+
+
+def _check_pairs(pairs: Pairs, track_start: Ints, truth_frame: Ints) -> None:
+    start, row, similarity = pairs
+    rises = len(start) == len(truth_frame) + 1 and start[0] == 0 and (np.diff(start) >= 0).all()
+    if not (rises and start[-1] == len(row) == len(similarity)):
+        raise ValueError(
+            f"pairs.start must have {len(truth_frame) + 1} offsets and rise from 0 to the number "
+            f"of pairs; there are {len(start)} offsets, {len(row)} rows and {len(similarity)} "
+            "similarities"
+        )
+    truth_row = np.repeat(np.arange(len(truth_frame)), np.diff(start))
+    frame = truth_frame[truth_row]
+    outside = (row < track_start[frame]) | (row >= track_start[frame + 1])
+    if outside.any():
+        at = np.flatnonzero(outside)[0]
+        raise ValueError(
+            f"pairs.row {row[at]} of truth row {truth_row[at]} is not a track row of its frame, "
+            f"expected {track_start[frame[at]]}..{track_start[frame[at] + 1] - 1}"
+        )
+    falls = np.flatnonzero((np.diff(row) <= 0) & (np.diff(truth_row) == 0))
+    if len(falls):
+        raise ValueError(f"pairs.row must rise within truth row {truth_row[falls[0]]}")
+    # Written so that NaN fails too.
+    wrong = ~((similarity > 0.0) & (similarity <= 1.0 + _SIMILARITY_ROUNDING))
+    if wrong.any():
+        at = np.flatnonzero(wrong)[0]
+        raise ValueError(
+            f"similarity must be between 0 and 1, and of a listed pair above 0: truth row "
+            f"{truth_row[at]} and track row {row[at]} have {similarity[at]}"
+        )
 
 
 @njit(cache=True)

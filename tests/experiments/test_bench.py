@@ -19,6 +19,8 @@ from experiments.bench.measure import Block, Case, Summary, measure, paired, sum
 from experiments.bench.parts import PARTS
 from experiments.bench.plan import Plan
 from experiments.bench.results import Results
+from experiments.metrics import bird_iou
+from scenarios.kitti import kitti_names
 from sim_bridge import simulate
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.overlap import first_overlap
@@ -35,6 +37,7 @@ TINY = Plan(
     passes=15,
     objects=(4,),
     frames=12,
+    crowds=(5,),
     scored=10,
     boxes=9,
     simulated=2.0,
@@ -209,9 +212,10 @@ def test_the_tracker_follows_the_objects_of_its_workload() -> None:
         assert (distance.min(axis=0) < 1.0).mean() > 0.9, name
 
 
-def test_scoring_and_trackeval_agree_on_the_workload() -> None:
-    """The same HOTA, MOTA and IDF1, none of them perfect."""
-    (block,) = scoring.blocks(replace(TINY, scored=200))
+@pytest.mark.parametrize("objects", [20, 200])
+def test_scoring_and_trackeval_agree_on_the_workload(objects: int) -> None:
+    """The same HOTA, MOTA and IDF1, none perfect, of a crowd: many people are near to others."""
+    block, _ = scoring.blocks(replace(TINY, crowds=(objects,), scored=200))
     ours, theirs = (case.run(case.prepare()) for case in block.cases)
     assert block.anchor is block.cases[1]
     hota, clear, identity = ours
@@ -219,6 +223,16 @@ def test_scoring_and_trackeval_agree_on_the_workload() -> None:
     assert (hota.hota_mean, clear.mota, identity.idf1) == pytest.approx(expected, abs=1e-12)
     assert 0.2 < identity.idf1 < 0.95
     assert clear.idsw > 0
+    per_object = np.diff(scoring.sequence(objects, 200).pairs.start)
+    assert (per_object > 1).mean() > 0.25
+
+
+def test_boxes_in_the_jam_overlap_their_own_and_little_else() -> None:
+    """Every true box has its track, and some reach into their neighbours."""
+    truth, track = scoring.jam(200, 0)
+    overlap = bird_iou(truth, track)
+    assert (overlap.diagonal() > 0.3).all()
+    assert 200 < (overlap > 0.0).sum() < 400
 
 
 def test_boxes_stand_apart_and_hide_each_other() -> None:
@@ -282,7 +296,8 @@ def test_the_document_has_rows_of_the_promised_form(mdkf_command: Mdkf) -> None:
     assert (answer.status, answer.err) == (0, "")
     document = json.loads(answer.out)
     rows = document["rows"]
-    assert {row["what"] for row in rows} == {*WORDS, "simulation", "start-up"}
+    recorded = {"recorded", "recorded-ratio"} if kitti_names() else set()
+    assert {row["what"] for row in rows} == {*WORDS, *recorded, "simulation", "start-up"}
     for row in rows:
         assert list(row) == KEYS
         assert 0 < row["low"] <= row["median"] <= row["high"] < np.inf

@@ -7,6 +7,7 @@ comparison states every difference between the two.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,24 +15,30 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from trackeval.datasets._base_dataset import _BaseDataset
 from trackeval.metrics import CLEAR, HOTA, Identity
 
 from experiments.metrics import (
     ALPHAS,
+    COLUMNS,
     ClearScores,
     HotaScores,
     IdentityScores,
     Sequence,
+    Similarity,
     clear,
     combine_clear,
     combine_hota,
     combine_identity,
     hota,
     identity,
+    sequence_from_matrices,
     sequence_from_rows,
 )
 
 TOLERANCE = 1e-12
+
+Boxes = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def oracle(metric: type, threshold: float = 0.5) -> Any:
@@ -116,13 +123,33 @@ def assert_all_agree(sequence: Sequence, threshold: float = 0.5) -> None:
     )
 
 
-def random_traffic(rng: np.random.Generator, *, tied: bool) -> Sequence:
+def as_rows(boxes: Boxes, similarity: Similarity) -> Boxes:
+    """What a similarity compares of boxes (n, 7) x, y, z, yaw, length, width, height."""
+    x, y, z, yaw, length, width, height = boxes.T
+    if similarity == "image":
+        # A camera that looks down from high above, 20 px per metre, knows no yaw.
+        return 20.0 * np.column_stack(
+            [x - length / 2, y - width / 2, x + length / 2, y + width / 2]
+        )
+    named = {"x": x, "y": y, "z": z, "yaw": yaw, "length": length, "width": width, "height": height}
+    return np.column_stack([named[column] for column in COLUMNS[similarity]])
+
+
+def random_boxes(rng: np.random.Generator, n: int, side: float) -> Boxes:
+    low, high = np.array([[0, 0, -0.5, -4, 0.5, 0.5, 0.5], [side, side, 0.5, 4, 5, 2, 3]])
+    return rng.uniform(low, high, (n, 7))
+
+
+def random_traffic(
+    rng: np.random.Generator, *, tied: bool, similarity: Similarity = "centre"
+) -> Sequence:
     """Objects that come and go, and tracks with everything that goes wrong with tracks.
 
     Missed frames, noise, clutter, identity switches, two tracks on one object, and frames without
-    truth or tracks. `tied` rounds positions to a half-metre grid, so that distances coincide.
+    truth or tracks. `tied` rounds boxes to half metres and quarter turns, so that similarities
+    coincide.
     """
-    n_frames = int(rng.choice([1, 2, 10, 40]))
+    n_frames = int(rng.choice([1, 2, 10, 40], p=[0.3, 0.2, 0.4, 0.1]))
     n_objects = int(rng.integers(0, 14))
     side = rng.choice([2.0, 6.0, 60.0])  # [m] crowded to sparse
     begin = rng.integers(0, n_frames, n_objects)
@@ -130,7 +157,8 @@ def random_traffic(rng: np.random.Generator, *, tied: bool) -> Sequence:
     frame = np.concatenate([np.zeros(0, int), *map(np.arange, begin, end)])
     obj = np.repeat(np.arange(n_objects), end - begin)
     speed = rng.normal(0.0, rng.choice([0.0, 0.3]), (n_objects, 2))  # [m/frame]
-    xy = rng.uniform(0.0, side, (n_objects, 2))[obj] + speed[obj] * frame[:, None]
+    boxes = random_boxes(rng, n_objects, side)[obj]
+    boxes[:, :2] += speed[obj] * frame[:, None]
 
     copies = 1 + (rng.random() < 0.3)
     track_frame = np.tile(frame, copies)
@@ -138,49 +166,151 @@ def random_traffic(rng: np.random.Generator, *, tied: bool) -> Sequence:
     for switch in rng.integers(0, n_frames, rng.integers(0, 4)):
         after = track_frame >= switch
         track_id[after] = rng.permutation(2000)[track_id[after]]
-    track_xy = np.tile(xy, (copies, 1)) + rng.normal(
-        0.0, rng.choice([0.0, 0.1, 0.5]), (len(track_frame), 2)
-    )
+    track_boxes = np.tile(boxes, (copies, 1))
+    spread = np.array([1.0, 1.0, 0.5, 0.2, 0.0, 0.0, 0.0]) * rng.choice([0.0, 0.1, 0.5])
+    track_boxes += spread * rng.normal(size=track_boxes.shape)
     kept = rng.random(len(track_frame)) < rng.choice([0.5, 0.9, 1.0])
     clutter = rng.integers(0, 20)
     track_frame = np.concatenate([track_frame[kept], rng.integers(0, n_frames, clutter)])
     track_id = np.concatenate([track_id[kept], 5000 + np.arange(clutter)])
-    track_xy = np.concatenate([track_xy[kept], rng.uniform(0.0, side, (clutter, 2))])
+    track_boxes = np.concatenate([track_boxes[kept], random_boxes(rng, clutter, side)])
 
     blind, bare = (rng.random((2, n_frames)) < 0.1) * (rng.random((2, 1)) < 0.5)
     seen, shown = ~blind[track_frame], ~bare[frame]
     if tied:
-        xy, track_xy = np.round(2 * xy) / 2, np.round(2 * track_xy) / 2
+        step = np.array([0.5, 0.5, 0.5, np.pi / 2, 0.5, 0.5, 0.5])
+        boxes, track_boxes = step * np.round(boxes / step), step * np.round(track_boxes / step)
     return sequence_from_rows(
-        frame[shown], obj[shown], xy[shown],
-        track_frame[seen], track_id[seen], track_xy[seen],
-        n_frames,
+        frame[shown], obj[shown], as_rows(boxes, similarity)[shown],
+        track_frame[seen], track_id[seen], as_rows(track_boxes, similarity)[seen],
+        n_frames, similarity,
     )  # fmt: skip
 
 
 def from_matrices(truth: list[list[int]], track: list[list[int]], values: Any) -> Sequence:
     """A sequence with given ids per frame, whose similarities are drawn by `values(n)`."""
-    truth_ids, truth_index = np.unique(np.concatenate([[], *truth]), return_inverse=True)
-    track_ids, track_index = np.unique(np.concatenate([[], *track]), return_inverse=True)
-    n = sum(len(a) * len(b) for a, b in zip(truth, track, strict=True))
-    return Sequence(
-        truth_start=np.cumsum([0, *map(len, truth)]),
-        truth=truth_index.astype(np.int64),
-        track_start=np.cumsum([0, *map(len, track)]),
-        track=track_index.astype(np.int64),
-        similarity=np.asarray(values(n), dtype=np.float64),
-        n_objects=len(truth_ids),
-        n_tracks=len(track_ids),
+    shapes = [(len(a), len(b)) for a, b in zip(truth, track, strict=True)]
+    sizes = [n * m for n, m in shapes]
+    flat = np.asarray(values(sum(sizes)), dtype=np.float64)
+    parts = np.split(flat, np.cumsum(sizes)[:-1])
+    matrices = [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+    return sequence_from_matrices(
+        [np.array(ids, int) for ids in truth], [np.array(ids, int) for ids in track], matrices
     )
 
 
+@pytest.mark.parametrize("similarity", COLUMNS)
 @pytest.mark.parametrize("tied", [False, True])
 @pytest.mark.parametrize("block", range(10))
-def test_random_traffic(block: int, tied: bool) -> None:
-    """500 sequences of moving objects, half of them with coinciding distances."""
-    for seed in range(25 * block, 25 * block + 25):
+def test_random_traffic(block: int, tied: bool, similarity: Similarity) -> None:
+    """1000 sequences of moving objects by each similarity, half of them with coinciding ones."""
+    for seed in range(50 * block, 50 * block + 50):
         rng = np.random.default_rng([seed, tied])
-        assert_all_agree(random_traffic(rng, tied=tied), threshold=rng.choice([0.3, 0.5, 0.75]))
+        sequence = random_traffic(rng, tied=tied, similarity=similarity)
+        assert_all_agree(sequence, threshold=rng.choice([0.3, 0.5, 0.75]))
+
+
+@pytest.mark.parametrize("similarity", COLUMNS)
+def test_random_traffic_has_what_goes_wrong(similarity: Similarity) -> None:
+    """Of 100 sequences each fault is in 10 or more, and in none all is right."""
+    scores = []
+    for seed in range(100):
+        sequence = random_traffic(np.random.default_rng(seed), tied=True, similarity=similarity)
+        scores.append((clear(sequence, 0.3), hota(sequence), sequence))
+    for fault in ("idsw", "frag", "fn", "fp", "tp"):
+        assert sum(getattr(frames, fault) > 0 for frames, _, _ in scores) >= 10, fault
+    assert sum(0.0 < h.assa[0] < 1.0 for _, h, _ in scores) >= 10
+    rivals = [np.diff(sequence.pairs.start) for _, _, sequence in scores]
+    assert sum((per_row > 1).any() for per_row in rivals) >= 10
+
+
+HERE, BESIDE, FAR = (
+    np.array([[x, 3.0, 0.75, 0.3, 4.0, 2.0, 1.5]]) for x in (0.0, 0.5, 100.0)
+)  # one box
+
+
+def rows(*parts: tuple[int, Any, Boxes]) -> tuple[Any, Any, Boxes]:
+    """Frames, ids and boxes of parts (id, frames, box)."""
+    frames = [np.asarray(part[1], int) for part in parts]
+    return (
+        np.concatenate([np.zeros(0, int), *frames]),
+        np.repeat([part[0] for part in parts], [len(frame) for frame in frames]).astype(int),
+        np.concatenate([np.zeros((0, 7)), *(np.repeat(p[2], len(p[1]), axis=0) for p in parts)]),
+    )
+
+
+FIRST, LAST, ALL = range(5), range(5, 10), range(10)
+ONE, TWO = rows((1, ALL, HERE)), rows((1, ALL, HERE), (2, ALL, FAR))
+TWINS = rows((1, ALL, HERE), (2, ALL, HERE))
+NONE = rows()
+BY_HAND = {
+    "nothing": (NONE, NONE),
+    "no truth": (NONE, ONE),
+    "no tracks": (TWO, NONE),
+    "one frame": (rows((1, [4], HERE)), rows((7, [4], BESIDE))),
+    "the same": (TWO, TWO),
+    "nothing similar": (ONE, rows((1, ALL, FAR))),
+    "never at the same time": (rows((1, FIRST, HERE)), rows((1, LAST, HERE))),
+    "a swap": (TWO, rows((1, FIRST, HERE), (2, FIRST, FAR), (1, LAST, FAR), (2, LAST, HERE))),
+    "a swap and back": (
+        TWO,
+        rows((1, [*range(4), 8, 9], HERE), (2, range(4, 8), HERE), (2, [*range(4), 8, 9], FAR)),
+    ),
+    "two tracks on one object": (ONE, TWINS),
+    "two objects under one track": (TWINS, ONE),
+    "two tracks on two objects in one place": (TWINS, TWINS),
+    "a better track beside the first": (ONE, rows((1, ALL, BESIDE), (2, LAST, HERE))),
+    "a new track in every frame": (ONE, rows(*((k, [k], HERE) for k in ALL))),
+    "every other frame": (TWO, rows((1, range(0, 10, 2), HERE), (2, range(1, 10, 2), FAR))),
+    "an empty box": (ONE, rows((1, ALL, HERE * [1, 1, 1, 1, 0, 0, 0]))),
+}
+
+
+@pytest.mark.parametrize("similarity", COLUMNS)
+@pytest.mark.parametrize("case", BY_HAND)
+def test_sequences_by_hand(case: str, similarity: Similarity) -> None:
+    """The corner cases of the field, at thresholds that all, some and no tracks meet."""
+    (frame, obj, boxes), (track_frame, track, track_boxes) = BY_HAND[case]
+    sequence = sequence_from_rows(
+        frame, obj, as_rows(boxes, similarity),
+        track_frame, track, as_rows(track_boxes, similarity), 10, similarity,
+    )  # fmt: skip
+    for threshold in (0.0, 0.5, 0.75, 1.0):
+        assert_all_agree(sequence, threshold)
+
+
+@pytest.mark.parametrize("threshold", [0.05, 0.3, 0.5, 0.95])
+def test_boxes_exactly_on_the_thresholds(threshold: float) -> None:
+    """Tracks that cover k twentieths of their object: the quotient of areas, not k times 0.05."""
+    k = np.arange(1, 21)
+    truth = np.tile([0.0, 0.0, 100.0, 30.0], (20, 1))
+    track = np.column_stack([0 * k, 0 * k, 5.0 * k, 0 * k + 30.0])
+    for frame in (0 * k, k - 1):
+        apart = 200.0 * np.outer(k, [1, 0, 1, 0]) * (frame == 0)[:, None]
+        assert_all_agree(
+            sequence_from_rows(frame, k, truth + apart, frame, k, track + apart, 20, "image"),
+            threshold,
+        )
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("tied", [False, True])
+def test_similarities_are_trackevals(seed: int, tied: bool) -> None:
+    """To the last bit, frame by frame: those of centres and of image boxes, which TrackEval has."""
+    theirs = {
+        "centre": _BaseDataset._calculate_euclidean_similarity,
+        "image": partial(_BaseDataset._calculate_box_ious, box_format="x0y0x1y1"),
+    }
+    rng = np.random.default_rng([seed, tied])
+    truth, track = random_boxes(rng, 30, 6.0), random_boxes(rng, 40, 6.0)
+    if tied:
+        truth, track = np.round(2 * truth) / 2, np.round(2 * track) / 2
+    for similarity, function in theirs.items():
+        a, b = as_rows(truth, similarity), as_rows(track, similarity)
+        built = sequence_from_rows(
+            np.zeros(30, int), np.arange(30), a, np.zeros(40, int), np.arange(40), b, 1, similarity
+        )
+        assert_array_equal(built.frame_similarity(0), function(a, b))
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -103,15 +103,25 @@ def test_filters_run_on_recordings(
 def test_recorded_detections_from_file_to_file(
     recordings: Path, mdkf_command: Mdkf, tmp_path: Path
 ) -> None:
-    """simulate, detect, track, score: what the library gives, within the labels' 0.1 m."""
+    """simulate, detect, track, score: what the library gives, within the labels' 0.1 m. Labels
+    have no velocity, so its errors have no value; all their regimes are unknown."""
     assert mdkf_command("simulate", "kitti-0003", "--out", "trace.parquet").status == 0
     seen = ("--detector", "recorded:mine", "--occlusion", "mid:20", "--out", "seen.parquet")
     assert mdkf_command("detect", "trace.parquet", *seen).status == 0
     filtered = ("--filter", "md", "--settings", "pointrcnn", "--out", "tracks.parquet")
     assert mdkf_command("track", "seen.parquet", *filtered).status == 0
-    answer = mdkf_command("score", "trace.parquet", "tracks.parquet", "--json")
+    groups = ("--by", "regime", "--by", "phase")
+    answer = mdkf_command("score", "trace.parquet", "tracks.parquet", *groups, "--json")
     assert answer.status == 0
     scores = json.loads(answer.out)
+    assert (scores["velocity_error"], scores["velocity_rmse"]) == (None, None)
+    assert scores["position_error"] < 0.3
+    found = {(row["bin"], row["score"]): row for row in scores["breakdown"]}
+    errors = {name: row["n"] for (name, score), row in found.items() if score == "position_error"}
+    assert errors["unknown"] == errors["all"] > 100
+    assert {errors[name] for name in ("stationary", "turning", "not turning")} == {0}
+    assert {row["value"] for (_, score), row in found.items() if "velocity" in score} == {None}
+    assert errors["gap"] == errors["gap 1-5"] + errors["gap 6-10"] + errors["gap 11-20"] > 20
     assert scores["gaps"] == scores["followed"] == 2
     assert scores["error_before"] < 0.3
     tracks = sim_bridge.read_table(tmp_path / "tracks.parquet", Tracks)

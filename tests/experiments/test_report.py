@@ -9,10 +9,11 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from scipy import stats
 
 import scenarios
 from experiments import OcclusionProtocol
-from experiments.report import write_report
+from experiments.report import BINNED, STATES, write_report
 from experiments.run import Plan, Results, run
 from experiments.terminal import COLUMNS
 
@@ -156,6 +157,50 @@ def test_every_number_is_that_of_the_results(page: Page, out: Path, plan: Plan) 
     assert seen == len(COLUMNS) * len(plan.scenarios) * len(plan.filters)
 
 
+def test_states_are_those_of_the_results(page: Page, out: Path, plan: Plan) -> None:
+    """Cell by cell against results.parquet, with the interval where there is one."""
+    stored = pl.read_parquet(out / "results.parquet")
+    _, *rows = page.tables["states"]
+    scenario, seen = "", 0
+    for name, *cells in rows:
+        if not cells:
+            scenario = name
+            continue
+        own = stored.filter(scenario=scenario, filter=name).row(0, named=True)
+        for (column, *_), cell in zip(STATES, cells, strict=True):
+            mean, *half = cell.split(" ±")
+            assert_shown(mean, own[column])
+            if half:
+                assert_shown(half[0], own[f"{column}_high"] - own[column])
+            assert (half == []) == (own.get(f"{column}_high") is None)
+            seen += 1
+    assert seen == len(STATES) * len(plan.scenarios) * len(plan.filters)
+
+
+def test_bins_are_means_over_the_seeds_that_have_a_value(page: Page, out: Path, plan: Plan) -> None:
+    """Cell by cell against breakdown.parquet, averaged in numpy; every bin of every scenario."""
+    stored = pl.read_parquet(out / "breakdown.parquet")
+    for score, group, *_ in BINNED:
+        (heading, *rows), scenario, seen = page.tables[f"{score}-{group.replace(',', '-')}"], "", 0
+        assert heading[1:] == list(plan.filters)
+        for name, *cells in rows:
+            if not cells:
+                scenario = name
+                continue
+            for chosen, cell in zip(plan.filters, cells, strict=True):
+                own = stored.filter(
+                    scenario=scenario, filter=chosen, bin=name, group=group, score=score
+                )
+                values = own["value"].drop_nulls().to_numpy()
+                mean, *half = cell.split(" ±")
+                assert_shown(mean, values.mean() if len(values) else None)
+                if len(values) > 1:
+                    assert_shown(half[0], stats.t.ppf(0.975, 1) * stats.sem(values))
+                seen += 1
+        bins = stored.filter(group=group, score=score).select("scenario", "bin").n_unique()
+        assert seen == bins * len(plan.filters) > 0
+
+
 def assert_shown(text: str, value: float | None) -> None:
     """The text is the value, rounded to the decimals of the text."""
     if value is None:
@@ -214,7 +259,7 @@ def test_names_and_reasons_are_text_not_markup(
         name: getattr(results, name)
         .filter(scenario=scenario.name)
         .with_columns(pl.lit(nasty).alias("scenario"))
-        for name in ("table", "differences", "worlds", "errors")
+        for name in ("table", "differences", "worlds", "errors", "breakdown")
     }
     kept = tmp_path / "worlds" / folder_name
     shutil.copytree(out / "worlds" / f"{scenario.name}-0", kept)

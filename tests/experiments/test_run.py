@@ -35,9 +35,12 @@ PLAN = Plan(
     occlusion=OcclusionProtocol("mid", 20, 35),
 )
 BOTH_STARTS = ("ca", "md", "ca-retuned", "md-retuned")
-FILES = ("results", "worlds", "errors", "differences")
+FILES = ("results", "worlds", "errors", "differences", "breakdown")
 Simulating = Callable[[dict[int, BaseException]], None]
-SCORES = ("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift")
+SCORES = (
+    *("hota", "mota", "idf1", "idsw", "error_before", "error_gap", "error_after", "drift"),
+    *("gospa", "position_error", "velocity_error", "heading_error", "nees", "nis"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +91,9 @@ def without_time(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def test_every_table_is_in_its_file(finished: Results, out: Path) -> None:
-    """Four Parquet files hold what was returned; nothing half-written is left beside them."""
-    returned = (finished.table, finished.worlds, finished.errors, finished.differences)
+    """Five Parquet files hold what was returned; nothing half-written is left beside them."""
+    tables = (finished.table, finished.worlds, finished.errors, finished.differences)
+    returned = (*tables, finished.breakdown)
     for name, table in zip(FILES, returned, strict=True):
         assert_frame_equal(pl.read_parquet(out / f"{name}.parquet"), table, check_exact=True)
     assert {p.name for p in out.iterdir()} == {*(f"{name}.parquet" for name in FILES), "worlds"}
@@ -194,7 +198,8 @@ def test_a_failed_worker_loses_nothing_finished(
     first = [row for row in finished.worlds.to_dicts() if row["seed"] == 0]
 
     def dying(worlds: object, workers: int) -> Iterator[Outcome]:
-        yield Outcome("bus_stop", 0, first, finished.errors.filter(seed=0))
+        tables = (finished.errors.filter(seed=0), finished.breakdown.filter(seed=0))
+        yield Outcome("bus_stop", 0, first, *tables)
         raise RunFailed("a worker process died")
 
     monkeypatch.setattr("experiments.run._outcomes", dying)
@@ -225,8 +230,11 @@ def test_all_filters_saw_the_same_detections(finished: Results, out: Path) -> No
         kept = read_table(folder / f"tracks-{name}.parquet", Tracks)
         assert mdkf.Tracker(mdkf.estimator(name), "pointrcnn").run(occluded) == kept
         row = finished.worlds.filter(seed=0, filter=name).row(0, named=True)
-        for column, value in score(trace, kept, PLAN.occlusion).summary().items():
+        scores = score(trace, kept, PLAN.occlusion)
+        for column, value in scores.summary().items():
             assert row[column] == pytest.approx(value, nan_ok=True, rel=0, abs=0), column
+        bins = finished.breakdown.filter(seed=0, filter=name).drop("scenario", "seed", "filter")
+        assert_frame_equal(bins, scores.by("phase", "regime", "range,level"), check_exact=True)
 
 
 def test_only_the_first_seed_keeps_its_tables(finished: Results, out: Path) -> None:
@@ -240,7 +248,7 @@ def test_the_same_plan_gives_the_same_numbers(
 ) -> None:
     """Bit for bit in another folder, in one process and in two, but for the measured time."""
     again = run(PLAN, tmp_path, workers)
-    for name in ("table", "worlds", "errors", "differences"):
+    for name in ("table", "worlds", "errors", "differences", "breakdown"):
         first, second = (without_time(getattr(r, name)) for r in (finished, again))
         assert_frame_equal(first, second, check_exact=True)
     for name in ("trace", "detections", *(f"tracks-{f}" for f in PLAN.filters)):

@@ -122,6 +122,36 @@ def test_a_false_positive_and_invisible_truth(trace: Trace) -> None:
     assert summary["mota"] == pytest.approx(100 * (1 - 1 / 240))
 
 
+def test_states_are_those_of_tracks_on_truth_that_counts(trace: Trace) -> None:
+    """Car 0's track is 0.6 m off, car 1's on it; car 2 is invisible and its track, 1.5 m off, does
+    not count; nor does one on nothing, but for GOSPA. By hand, with the tables' covariance of 1,
+    velocity (1, 1) and yaw 1 against a truth of 0."""
+    rows = [(k, i, *place(i, k)) for k in range(N) for i in OBJECTS]
+    partly = trace_of(rows, N, visible=[0.0 if i == 2 else 1.0 for _, i, *_ in rows])
+    off = (0.6, 0.0, 1.5)
+    ghost = [(k, 9, 9.0, 40.0) for k in range(N)]
+    tracks = tracks_of([*((k, i, x, y + off[i]) for k, i, x, y in rows), *ghost], N)
+    result = score(partly, tracks)
+    summary = result.summary()
+    expected = {
+        "position_error": 0.3,
+        "position_rmse": math.sqrt(0.18),
+        "velocity_error": math.sqrt(2),
+        "velocity_rmse": math.sqrt(2),
+        "heading_error": 1.0,
+        "backwards": 0.0,
+        "nees": 0.18,
+        "gospa": math.sqrt(0.36 + 2.0),
+        "gospa_localisation": 0.6,
+        "gospa_missed": 0.0,
+        "gospa_false": math.sqrt(2.0),
+        "miss_rate": 0.0,
+    }
+    assert {name: summary[name] for name in expected} == pytest.approx(expected, abs=1e-12)
+    assert math.isnan(summary["nis"])
+    assert len(result.states) == 2 * N
+
+
 def test_errors_are_the_means_over_all_followed_gaps(trace: Trace) -> None:
     """Car 0 is off by 1 m and car 1 by 0.5 m in the gap, by 0.2 m and 0.1 m before it, by 0.4 m
     and 0 after it; both gaps are 20 frames long."""
@@ -165,6 +195,10 @@ def test_without_tracks_everything_is_missed(trace: Trace) -> None:
     """No tracks at all is a score, not an error."""
     summary = score(trace, tracks_of([], N)).summary()
     assert (summary["fn"], summary["fp"], summary["mota"]) == (240, 0, 0.0)
+    assert summary["miss_rate"] == 100.0
+    assert summary["gospa"] == summary["gospa_missed"] == pytest.approx(math.sqrt(3 * 2.0))
+    for name in ("position_error", "velocity_error", "heading_error", "backwards", "nees", "nis"):
+        assert math.isnan(summary[name]), name
 
 
 def test_tracks_of_another_trace_are_refused(trace: Trace) -> None:

@@ -109,7 +109,7 @@ def test_moving_the_scene_moves_positions_and_nothing_else(name: str) -> None:
             moved[..., ::m] -= d
         elif field == "window":
             # The entries that count: what was never filled is zero in both.
-            valid = np.arange(moved.shape[1]) >= moved.shape[1] - here.count[:, None]
+            valid = np.arange(moved.shape[1]) >= moved.shape[1] - here.filled[:, None]
             moved, array = moved[valid] - d, array[valid]
         np.testing.assert_allclose(moved, array, rtol=1e-9, atol=1e-9, err_msg=field)
 

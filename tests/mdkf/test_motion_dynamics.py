@@ -150,12 +150,12 @@ def test_a_gap_keeps_the_weights_and_reset_clears_the_window(after_gap: Any) -> 
     assert all(np.array_equal(state.weight, held) for state in shown[30:37])
     length = shown[0].window.shape[1]
     if after_gap == "reset":
-        assert [int(state.count[0]) for state in shown[37:]] == [
+        assert [int(state.filled[0]) for state in shown[37:]] == [
             min(k, length) for k in range(1, 24)
         ]
         assert all((state.weight == 1).all() for state in shown[37 : 37 + length - 1])
     else:
-        assert all(state.count[0] == length for state in shown[37:])
+        assert all(state.filled[0] == length for state in shown[37:])
         assert (shown[37].weight[:, :, 1:] < 1).any()
 
 

@@ -267,7 +267,7 @@ def test_motion_dynamics_equals_numpy(
     def follow(oracle: Any, state: Any) -> None:
         oracle.filter.x, oracle.filter.P = state.mean[0], state.covariance[0]
         oracle.W = np.diag(state.weight[0].ravel())
-        oracle.positions = list(state.window[0, state.window.shape[1] - state.count[0] :])
+        oracle.positions = list(state.window[0, state.window.shape[1] - state.filled[0] :])
 
     def step(oracle: Any, z: np.ndarray | None, R: np.ndarray, dt: float) -> None:
         set_step(oracle.filter, order, dt, density)

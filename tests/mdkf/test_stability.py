@@ -19,6 +19,8 @@ import numpy.typing as npt
 import pytest
 
 from mdkf import Estimates, Kalman, MotionDynamics, filter_sequence
+from mdkf.batch import filter_all
+from mdkf.estimator import arrays
 from mdkf.motion import process_noise, transition
 from tests.mdkf.scenes import BUILT_IN, DT, EVERY, Array, covariances, states
 
@@ -157,7 +159,7 @@ def test_window_deviations_are_exact_after_a_million_steps(
     n = len(z) - last
     out = Estimates(np.empty((n, 1, 2)), np.empty((n, 1, 2)), np.empty((n, 1, 2, 2)))
     late = md.start(z[0], R[0])
-    md.run_compiled(late, z[:n], R[:n], DT, out)
+    filter_all(md.batch(late, DT), z[:n], R[:n], *arrays(out))
     # The history that the window holds at frame n: since the last gap, or all.
     seen = ~np.isnan(z[:n, 0, 0])
     start = int(np.flatnonzero(~seen)[-1]) + 1 if after_gap == "reset" else n - 2000

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mdkf import DETECTORS, Detections, Kalman, MotionDynamics, Tracker, TrackerSettings, Tracks
-from mdkf.association import UNMATCHED, associate
 from mdkf.estimator import Estimator
 from mdkf.reference import filterpy_kalman
 
@@ -42,32 +41,6 @@ def test_two_objects_keep_their_identities() -> None:
         np.testing.assert_allclose(tracks.y[of], y, atol=1e-9)
         np.testing.assert_allclose(tracks.x[of][20:], 0.5 * np.arange(20, 40), atol=0.02)
         np.testing.assert_allclose(tracks.vx[of][30:], 5.0, atol=0.1)
-
-
-def test_the_nearest_pair_is_matched_first_and_the_gate_is_exclusive() -> None:
-    """Greedy global minimum, not track by track; a distance equal to the gate does not match."""
-    predicted = np.array([[0.0, 0.0], [1.0, 0.0]])
-    assert associate(predicted, np.array([[0.9, 0.0]]), 4.0).tolist() == [UNMATCHED, 0]
-    both = associate(predicted, np.array([[0.9, 0.0], [-2.0, 0.0]]), 4.0)
-    assert both.tolist() == [1, 0]
-    assert associate(predicted[:1], np.array([[2.0, 0.0]]), 2.0).tolist() == [UNMATCHED]
-    assert associate(predicted[:1], np.array([[1.999, 0.0]]), 2.0).tolist() == [0]
-    assert associate(np.empty((0, 2)), predicted, 2.0).shape == (0,)
-
-
-def test_greedy_association_equals_its_definition() -> None:
-    """Random scenes against the definition: take the smallest entry, strike its row and column."""
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        a = rng.uniform(0, 10, (rng.integers(0, 9), 2))
-        b = rng.uniform(0, 10, (rng.integers(0, 9), 2))
-        cost = np.hypot(*(a[:, None] - b[None]).transpose(2, 0, 1))
-        expected = np.full(len(a), UNMATCHED)
-        while cost.size and cost.min() < 3.0:
-            t, d = np.unravel_index(cost.argmin(), cost.shape)
-            expected[t] = d
-            cost[t], cost[:, d] = np.inf, np.inf
-        np.testing.assert_array_equal(associate(a, b, 3.0), expected)
 
 
 def test_validity_confirms_by_hand() -> None:
@@ -125,6 +98,35 @@ def test_reporting_options_change_only_the_report() -> None:
     assert seen_only == posterior.take(matched)
     assert posterior.coasted.sum() == 10
     np.testing.assert_array_equal(posterior.yaw[posterior.coasted], 0.1 * 14)
+
+
+def test_a_track_looks_where_most_of_its_detections_did() -> None:
+    """A detection that looks backwards does not turn a track, seen or coasting, unless it is told
+    as measured; height and size are those of the last detection while it coasts."""
+    rows = [(k, 0.0, 0.0, 1.0) for k in range(20)]
+    columns = dict(detections(rows, 20).columns())
+    backwards = np.isin(np.arange(20), [5, 11, 19])
+    columns["yaw"] = np.where(backwards, 0.3 - np.pi, 0.3)
+    columns["z"], columns["length"] = 0.01 * np.arange(20), 4.0 + 0.1 * np.arange(20)
+    given = Detections.from_columns(columns, n_frames=25, dt=0.1)
+    tracks = Tracker(Kalman(), SETTINGS).run(given)
+    np.testing.assert_allclose(tracks.yaw, 0.3, atol=1e-15)
+    assert tracks.coasted.sum() == 5
+    assert set(tracks.z[tracks.coasted]) == {given.z[-1]}
+    assert set(tracks.length[tracks.coasted]) == {given.length[-1]}
+    measured = Tracker(Kalman(), SETTINGS, position="measurement").run(given)
+    np.testing.assert_array_equal(measured.yaw[~measured.coasted], given.yaw)
+    np.testing.assert_allclose(measured.yaw[measured.coasted], 0.3, atol=1e-15)
+
+
+def test_most_of_all_is_counted_over_a_tracks_life() -> None:
+    """Two of three look the other way: from the second of them on, that is where it looks; in
+    between, one against one, the last one decides."""
+    columns = dict(detections([(k, 0.0, 0.0, 2.0) for k in range(3)], 3).columns())
+    columns["yaw"] = np.array([3.0, 3.0 - np.pi, 3.1 - np.pi])
+    given = Detections.from_columns(columns, n_frames=3, dt=0.1)
+    tracks = Tracker(Kalman(), SETTINGS).run(given)
+    np.testing.assert_allclose(tracks.yaw, columns["yaw"], atol=1e-15)
 
 
 def test_the_source_of_a_detection_is_never_used() -> None:

@@ -1,0 +1,43 @@
+"""The whole tracker on the val split of KITTI, detections to track tables; nothing without data."""
+
+import mdkf
+from experiments.bench.measure import Block, Case
+from experiments.bench.plan import Plan
+from mdkf import Detections, Tracker
+from scenarios.kitti import kitti_names, kitti_root
+from sim_bridge.kitti import kitti_detections
+from sim_bridge.kitti_files import read_sequences
+
+WHAT = "recorded"
+NAMES = ("ca", "imm", "imm-zero", "md")
+RATIOS = (("md", "ca"), ("imm", "md"), ("imm-zero", "md"))
+SPLIT = "val"
+
+
+def blocks(plan: Plan) -> list[Block]:
+    """One block for each detector whose detections are there."""
+    if not kitti_names():
+        return []
+    folders = sorted(path.name for path in (kitti_root() / "detections").glob("*/"))
+    return [_block(name) for name in folders]
+
+
+def _block(detector: str) -> Block:
+    root = kitti_root()
+    seen = [
+        kitti_detections(root, detector, sequence, unlabelled=True)
+        for sequence in read_sequences(root, SPLIT)
+    ]
+    cases = {name: _case(name, detector, seen) for name in NAMES}
+    ratios = tuple((cases[first], cases[second]) for first, second in RATIOS)
+    return Block(tuple(cases.values()), ratios=ratios)
+
+
+def _case(name: str, detector: str, seen: list[Detections]) -> Case:
+    tracker = Tracker(mdkf.estimator(name), detector, position="measurement")
+    frames = sum(table.n_frames for table in seen)
+
+    def run(_: None) -> int:
+        return sum(len(tracker.run(table)) for table in seen)
+
+    return Case(WHAT, name, detector, frames, frames, "us per frame", 1e6, lambda: None, run)
