@@ -11,6 +11,7 @@ from random import Random
 import numpy as np
 import pytest
 
+from mdkf import Tracker, estimator
 from mdkf.tables import FloatArray
 from sim_bridge import KittiError, kitti_detections, kitti_trace
 from sim_bridge.kitti_files import (
@@ -253,8 +254,8 @@ def pose_of(rng: Random, turn: bytes) -> bytes:
 
 def test_whatever_is_allowed_has_a_place_in_the_world(tmp_path: Path) -> None:
     """600 recordings with boxes, poses and a camera as far, as large and as small as files allow:
-    every box has a finite place, turned back to where it was written, and a share that is visible;
-    or the box holds the LiDAR, which is told with its line."""
+    every box has a finite place, turned back to where it was written, and a share that is visible,
+    and what is detected can be tracked; or the box holds the LiDAR, which is told with its line."""
     rng, frames, refused = Random("world"), range(3), []
     for name in (SEQUENCES, CALIBRATION, POSES, LABELS, FOUND):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -282,6 +283,7 @@ def test_whatever_is_allowed_has_a_place_in_the_world(tmp_path: Path) -> None:
         for table in (trace, detections):
             table.validate()
             assert ((table.yaw > -np.pi) & (table.yaw <= np.pi)).all()
+        Tracker(estimator(rng.choice(("ca", "imm", "md")))).run(detections).validate()
         words = [dict(zip(LABEL, line.split(), strict=True)) for line in content[LABELS]]
         assert len(trace) == len(words)
         turn = np.array(rectification.split(), dtype=float).reshape(3, 3)
