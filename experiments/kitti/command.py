@@ -23,7 +23,7 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
 from experiments.kitti.tables import published_table
-from experiments.options import Json, busy, chosen_filters, chosen_occlusion
+from experiments.options import Json, Root, busy, chosen_filters, chosen_occlusion
 from experiments.terminal import FULL_WIDTH
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
 from mdkf.settings import Confirmation, Position
@@ -31,14 +31,6 @@ from scenarios.kitti import kitti_root
 from sim_bridge import load_profile
 from sim_bridge.kitti_writing import export_kitti
 from sim_bridge.parquet import read_any_table, write_frame
-
-Root = Annotated[
-    Path | None,
-    typer.Option(
-        help="KITTI's tracking data: label_02, calib, pose, detections. By default where the"
-        " environment variable MDKF_KITTI says."
-    ),
-]
 
 
 def kitti(

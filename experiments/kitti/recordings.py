@@ -50,8 +50,13 @@ class DetectorFolder:
         told = settings or path.resolve().name
         known = FOLDERS.get(told, told)
         if known not in DETECTORS:
-            what = f"--detector is {told[:40]!r}" if settings else f"{path}: no settings known"
-            raise KittiError(f"{what}, expected --detector of {', '.join(DETECTORS)}")
+            names = ", ".join(DETECTORS)
+            if settings:
+                raise KittiError(f"--detector is {told[:40]!r}, expected one of: {names}")
+            raise KittiError(
+                f"{path}: no tracker settings for {told[:40]!r}; choose with --detector one of:"
+                f" {names}"
+            )
         return DetectorFolder(path.resolve(), known)
 
 

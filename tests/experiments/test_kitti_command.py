@@ -243,7 +243,7 @@ def test_detectors_settings_are_those_of_its_folders_name(
     )
     for one, other in zip(named["rows"], told["rows"], strict=True):
         assert {**one, "ms_per_frame": 0} == {**other, "ms_per_frame": 0}
-    assert_refused(mdkf_command("kitti"), tmp_path, "mine", "expected --detector of", "pointrcnn")
+    assert_refused(mdkf_command("kitti"), tmp_path, "no tracker settings for 'mine'", "pointrcnn")
     both = answered(mdkf_command(*MINE, "--out", "out", "--json"))
     assert [row["detector"] for row in both["rows"]] == ["mine"] * 4 + ["pvcnn"] * 4
     for name in ("mine", "pvcnn"):
@@ -343,7 +343,7 @@ def test_a_file_chooses_the_sequences(root: Path, mdkf_command: Mdkf, tmp_path: 
         (("--split", "tset"), "--split is 'tset', expected train, val, all or a file"),
         (("--filters", "ca,kalman"), "unknown filter 'kalman'"),
         (("--rules", "robmot,mine"), "--rules holds 'mine', expected some of: robmot, paper"),
-        (("--detector", "lidar"), "--detector is 'lidar', expected --detector of virconv"),
+        (("--detector", "lidar"), "--detector is 'lidar', expected one of: virconv"),
         (("--occlusion", "mid"), None),
         (("--occlusion", "middle:20"), "occlusion 'middle:20', expected KIND:LENGTH"),
         (("--position", "middle"), "position"),
