@@ -1,6 +1,7 @@
 """What several commands share: options and what they mean, a spinner, and simulated worlds."""
 
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -13,6 +14,14 @@ from mdkf import Trace
 from scenarios import Scenario
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+
+Root = Annotated[
+    Path | None,
+    typer.Option(
+        help="KITTI's tracking data: label_02, calib, pose, detections. By default where the"
+        " environment variable MDKF_KITTI says."
+    ),
+]
 
 NoCache = Annotated[
     bool, typer.Option("--no-cache", help="Simulate anew, and keep nothing for the next time.")

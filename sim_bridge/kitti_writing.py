@@ -71,5 +71,6 @@ def export_kitti(table: Trace | Detections | Tracks, root: Path, out: Path) -> P
     picture = pictures(root, [sequence])[sequence]
     camera = Camera.read(root, sequence, known[sequence], picture)
     path = out / f"{sequence}.txt"
+    out.mkdir(parents=True, exist_ok=True)
     write_boxes(path, table, camera.boxes(table))
     return path

@@ -17,20 +17,13 @@ from experiments.detectors.profile_file import profile_yaml
 from experiments.detectors.recordings import SPLITS, recorded, sequences_of, simulated
 from experiments.detectors.sightings import Sightings
 from experiments.detectors.tables import comparison_table, distance_line, evidence_table
-from experiments.options import Json, busy
+from experiments.options import Json, Root, busy
 from scenarios.kitti import kitti_root
 from sim_bridge import KittiError, Profile
 from sim_bridge.parquet import replacing
 
 DOTS_PER_INCH = 130
 
-Root = Annotated[
-    Path | None,
-    typer.Option(
-        help="KITTI's tracking data: label_02, calib, pose, detections. By default where the"
-        " environment variable MDKF_KITTI says."
-    ),
-]
 Seeds = Annotated[int, typer.Option(help="Simulations of every sequence.", min=1)]
 Folder = Annotated[
     Path | None, typer.Option(help="Recorded detections; by default the root's of this name.")

@@ -32,7 +32,7 @@ class Answer:
         return [
             entry
             for entry in self.known
-            if entry.detector == self.detector.settings
+            if entry.detector == self.detector.detector
             and entry.filter in filters
             and entry.rules in rules
         ]

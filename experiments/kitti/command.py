@@ -1,18 +1,19 @@
 """The commands `mdkf kitti` and `mdkf export`."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from experiments.kitti.answer import Answer, document, results_frame
-from experiments.kitti.published import PUBLISHED
+from experiments.kitti.published import PUBLISHED, VALIDATION, VALIDATION_FRAMES
 from experiments.kitti.recordings import (
+    Recording,
     detector_folders,
     read_recordings,
     recorded_detections,
@@ -22,7 +23,7 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
 from experiments.kitti.tables import published_table
-from experiments.options import Json, busy, chosen_filters, chosen_occlusion
+from experiments.options import Json, Root, busy, chosen_filters, chosen_occlusion
 from experiments.terminal import FULL_WIDTH
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
 from mdkf.settings import Confirmation, Position
@@ -30,14 +31,6 @@ from scenarios.kitti import kitti_root
 from sim_bridge import load_profile
 from sim_bridge.kitti_writing import export_kitti
 from sim_bridge.parquet import read_any_table, write_frame
-
-Root = Annotated[
-    Path | None,
-    typer.Option(
-        help="KITTI's tracking data: label_02, calib, pose, detections. By default where the"
-        " environment variable MDKF_KITTI says."
-    ),
-]
 
 
 def kitti(
@@ -101,7 +94,7 @@ def kitti(
 ) -> None:
     """The filters on recorded KITTI detections, scored by KITTI's own rules."""
     base = root or kitti_root()
-    options = {"position": position, "confirmation": confirmation}
+    options: dict[str, Any] = {"position": position, "confirmation": confirmation}
     plan = Plan(chosen_filters(filters), _rules(rules), chosen_occlusion(occlusion), options)
     folders = detector_folders(base, detections or (), detector)
     profiles = [load_profile(folder.settings) for folder in folders if simulated]
@@ -109,8 +102,7 @@ def kitti(
         sequences = sequences_in(base, split)
         recordings = read_recordings(base, sequences)
         found = [recorded_detections(base, folder.path, recordings) for folder in folders]
-    standard = set(sequences) == set(sequences_in(base, "val")) and plan.occlusion.kind == "none"
-    published = PUBLISHED if standard else ()
+    published = PUBLISHED if _is_as_published(plan, recordings) else ()
     answers = []
     with _progress(len(folders) * len(plan.filters) * (1 + seeds * simulated)) as progress:
         for k, folder in enumerate(folders):
@@ -131,7 +123,7 @@ def kitti(
     for answer in answers:
         for part in answer.shown():
             shown.print(part, highlight=False)
-    known = {folder.settings for folder in folders}
+    known = {folder.detector for folder in folders}
     others = [entry for entry in published if entry.detector not in known]
     if others and not detections:
         shown.print(published_table(others), highlight=False)
@@ -165,6 +157,14 @@ def _rules(text: str) -> tuple[Rules, ...]:
                 f"--rules holds {name[:40]!r}, expected some of: {', '.join(RULES)}"
             )
     return tuple(RULES[name] for name in names)
+
+
+def _is_as_published(plan: Plan, recordings: Sequence[Recording]) -> bool:
+    """Whether what others published is of the same recordings and the same rules of a tracker."""
+    frames = sum(recording.trace.n_frames for recording in recordings)
+    split = {recording.sequence for recording in recordings} == VALIDATION
+    reported = plan.options == {"position": "measurement", "confirmation": "retrospective"}
+    return split and frames == VALIDATION_FRAMES and reported and plan.occlusion.kind == "none"
 
 
 @contextmanager

@@ -38,14 +38,25 @@ class DetectorFolder:
         """What the detector is called: its folder's name."""
         return self.path.name
 
+    @property
+    def detector(self) -> str:
+        """What others call the detector, by its folder's name; whose settings it has is another
+        matter."""
+        return FOLDERS.get(self.name, self.name)
+
     @staticmethod
     def of(path: Path, settings: str | None) -> "DetectorFolder":
         """A folder, with the settings of its name unless told; `KittiError` if there are none."""
         told = settings or path.resolve().name
         known = FOLDERS.get(told, told)
         if known not in DETECTORS:
-            what = f"--detector is {told[:40]!r}" if settings else f"{path}: no settings known"
-            raise KittiError(f"{what}, expected --detector of {', '.join(DETECTORS)}")
+            names = ", ".join(DETECTORS)
+            if settings:
+                raise KittiError(f"--detector is {told[:40]!r}, expected one of: {names}")
+            raise KittiError(
+                f"{path}: no tracker settings for {told[:40]!r}; choose with --detector one of:"
+                f" {names}"
+            )
         return DetectorFolder(path.resolve(), known)
 
 

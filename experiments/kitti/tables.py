@@ -41,7 +41,8 @@ def scores_table(
 ) -> Table:
     """Scores by filter, best in bold; under a filter what was published of it."""
     sources = dict.fromkeys(entry.source for entry in published)
-    told = "; ".join(_SOURCES[source] for source in sources)
+    notes = [entry.note for entry in published if entry.note]
+    told = "; ".join([*(_SOURCES[source] for source in sources), *notes])
     table = Table(
         title=title,
         title_justify="left",

@@ -5,6 +5,7 @@ manners are shown on recordings made by hand.
 """
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -112,6 +113,28 @@ def test_ca_under_robmots_rules_scores_as_robmot_does(
 
 
 @recorded
+@pytest.mark.parametrize(
+    "other",
+    [("--split", "train"), ("--occlusion", "late:10"), ("--position", "posterior"), ("--copy",)],
+)
+def test_published_values_stand_only_beside_what_they_are_of(
+    mdkf_command: Mdkf, tmp_path: Path, other: tuple[str, ...]
+) -> None:
+    """Not beside other sequences, hidden detections, another report, or a detector of another
+    name with the same settings."""
+    folder = kitti_root() / "detections" / "pointrcnn"
+    options: tuple[object, ...] = other
+    if other == ("--copy",):
+        shutil.copytree(folder, tmp_path / "mine")
+        folder, options = tmp_path / "mine", ("--detector", "pointrcnn")
+    answer = mdkf_command(
+        *("kitti", "--root", kitti_root(), "--detections", folder, "--filters", "ca", "--json"),
+        *options,
+    )
+    assert answered(answer)["published"] == []
+
+
+@recorded
 def test_ca_with_coasted_frames_scores_as_in_the_paper(mdkf_command: Mdkf) -> None:
     """Identity switches of CA are the paper's with all three detectors, HOTA and AssA with
     pointrcnn its Table 3's to 0.3 points."""
@@ -123,6 +146,7 @@ def test_ca_with_coasted_frames_scores_as_in_the_paper(mdkf_command: Mdkf) -> No
     assert {name: row["idsw"] for name, row in by_detector.items()} == {
         entry["detector"]: entry["idsw"] for entry in document["published"]
     }
+    assert {entry["source"] for entry in document["published"]} == {"paper"}
     (paper,) = (entry for entry in document["published"] if entry["detector"] == "pointrcnn")
     for name in ("hota", "assa"):
         assert abs(by_detector["pointrcnn"][name] - paper[name]) < 0.3
@@ -219,7 +243,7 @@ def test_detectors_settings_are_those_of_its_folders_name(
     )
     for one, other in zip(named["rows"], told["rows"], strict=True):
         assert {**one, "ms_per_frame": 0} == {**other, "ms_per_frame": 0}
-    assert_refused(mdkf_command("kitti"), tmp_path, "mine", "expected --detector of", "pointrcnn")
+    assert_refused(mdkf_command("kitti"), tmp_path, "no tracker settings for 'mine'", "pointrcnn")
     both = answered(mdkf_command(*MINE, "--out", "out", "--json"))
     assert [row["detector"] for row in both["rows"]] == ["mine"] * 4 + ["pvcnn"] * 4
     for name in ("mine", "pvcnn"):
@@ -301,6 +325,8 @@ def test_a_file_chooses_the_sequences(root: Path, mdkf_command: Mdkf, tmp_path: 
     for text in ("0003 empty 000000 000090\n", "0003\n\n"):
         chosen.write_text(text)
         assert len(answered(mdkf_command(*MINE, "--split", chosen, "--json"))["rows"]) == 8
+    (root / "evaluate_tracking.seqmap.val").unlink()  # a folder need not have KITTI's own splits
+    assert len(answered(mdkf_command(*MINE, "--split", chosen, "--json"))["rows"]) == 8
     chosen.write_text("0003\n0004\n")
     refused = mdkf_command(*MINE, "--split", chosen)
     assert (refused.status, refused.err.count("\n")) == (2, 1)
@@ -317,7 +343,7 @@ def test_a_file_chooses_the_sequences(root: Path, mdkf_command: Mdkf, tmp_path: 
         (("--split", "tset"), "--split is 'tset', expected train, val, all or a file"),
         (("--filters", "ca,kalman"), "unknown filter 'kalman'"),
         (("--rules", "robmot,mine"), "--rules holds 'mine', expected some of: robmot, paper"),
-        (("--detector", "lidar"), "--detector is 'lidar', expected --detector of virconv"),
+        (("--detector", "lidar"), "--detector is 'lidar', expected one of: virconv"),
         (("--occlusion", "mid"), None),
         (("--occlusion", "middle:20"), "occlusion 'middle:20', expected KIND:LENGTH"),
         (("--position", "middle"), "position"),
@@ -360,7 +386,6 @@ def test_tables_of_recordings_are_exported(root: Path, mdkf_command: Mdkf, tmp_p
     tracks = ("track", "seen.parquet", "--settings", "pointrcnn", "--out", "tracks.parquet")
     assert mdkf_command(*tracks).status == 0
     for table, rows, columns in (("tracks", 180, 18), ("seen", 160, 17)):
-        (tmp_path / table).mkdir()
         answer = mdkf_command("export", f"{table}.parquet", "--format", "kitti", "--out", table)
         assert (answer.status, answer.out) == (0, f"{table}/0003.txt\n")
         lines = (tmp_path / table / "0003.txt").read_text().splitlines()
