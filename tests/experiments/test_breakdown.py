@@ -205,6 +205,20 @@ def test_phases_are_frames_around_the_gap() -> None:
     assert value(table, "all", "position_error", "n") == 110
 
 
+def test_what_is_between_two_gaps_of_an_object_is_in_neither() -> None:
+    """Frames 80 to 84 lie after the first and before the second, which begins within a second; the
+    gaps' own frames stay theirs."""
+    trace, tracks = hidden_car()
+    told = {"occlusion": json.dumps({"protocol": "mid:45:20", "gaps": [(1, 85, 95), (1, 60, 80)]})}
+    table = breakdown(trace, dataclasses.replace(tracks, provenance=told), "phase")
+    frames = {
+        name: value(table, name, "position_error", "n") for name in ("before", "gap", "after")
+    }
+    assert sum(frames.values()) == 10 + 20 + 5 + 10 + 5
+    assert frames["gap"] == 30
+    assert value(table, "gap 1-5", "position_error") == pytest.approx((0.62 + 0.87) / 2)
+
+
 def test_a_late_gap_has_nothing_after_it() -> None:
     """Its object is never detected again."""
     trace, tracks = hidden_car()
@@ -314,6 +328,7 @@ def test_several_breakdowns_are_one_table(real: tuple[Trace, Tracks]) -> None:
     alone = [breakdown(*real, group) for group in ("phase", "range,level")]
     expected = pl.concat([alone[0], alone[1].filter(pl.col("group") != "all")])
     assert both.equals(expected)
+    assert score(*real).by("phase", "range,level", "phase").equals(expected)
     assert score(*real).by().equals(expected.filter(group="all"))
 
 
