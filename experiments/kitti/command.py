@@ -174,7 +174,7 @@ def _is_as_published(plan: Plan, recordings: Sequence[Recording]) -> bool:
 def _progress(total: int) -> Iterator[Callable[[str], None]]:
     """A bar on a terminal, moved on by telling what was done last."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with Progress(
         *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
     ) as bar:
