@@ -124,7 +124,7 @@ def kitti(
         return
     shown = Console() if Console().is_terminal else Console(width=FULL_WIDTH)
     for answer in answers:
-        for part in answer.shown():
+        for part in answer.shown(shown.width):
             shown.print(part, highlight=False)
     known = {folder.detector for folder in folders}
     others = [entry for entry in published if entry.detector not in known]
