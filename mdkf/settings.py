@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -53,14 +53,15 @@ class TrackerSettings:
         positive = ("gate", "x_var", "y_var", "max_variance")
         for name in (*positive, "validity", "score", "confirmed_score"):
             # Equal settings read alike wherever they are told.
-            value = float(getattr(self, name))
+            value = _as_number(name, getattr(self, name))
             object.__setattr__(self, name, value)
             if name in positive and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} is {value}, expected a number above 0")
-            if np.isnan(value):
-                raise ValueError(f"{name} is {value}, expected a number")
-        if self.max_missed is not None and self.max_missed < 0:
-            raise ValueError(f"max_missed is {self.max_missed}, expected a count of frames")
+        missed = self.max_missed
+        if missed is not None and not (isinstance(missed, int | np.integer) and missed >= 0):
+            raise ValueError(f"max_missed is {missed!r}, expected a count of frames")
+        if not isinstance(self.coasting, bool | np.bool_):
+            raise ValueError(f"coasting is {self.coasting!r}, expected True or False")
         for option, kind in (
             ("cost", Cost),
             ("assignment", Assignment),
@@ -70,6 +71,16 @@ class TrackerSettings:
             if getattr(self, option) not in get_args(kind):
                 value = getattr(self, option)
                 raise ValueError(f"{option} is {value!r}, expected one of {get_args(kind)}")
+
+
+def _as_number(name: str, given: Any) -> float:
+    try:
+        value = float(given)
+    except (TypeError, ValueError):
+        value = np.nan
+    if np.isnan(value):
+        raise ValueError(f"{name} is {given!r}, expected a number")
+    return value
 
 
 DETECTORS: Mapping[str, TrackerSettings] = MappingProxyType(

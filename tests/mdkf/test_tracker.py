@@ -253,9 +253,15 @@ def test_wrong_settings_are_named() -> None:
         Tracker(Kalman(), DETECTORS["pointrcnn"], gate=-1)
     with pytest.raises(ValueError, match="position is 'prior'"):
         Tracker(Kalman(), position="prior")
-    for name in ("validity", "score", "confirmed_score"):
-        with pytest.raises(ValueError, match=f"{name} is nan, expected a number"):
-            Tracker(Kalman(), **{name: np.nan})
+    for name in ("gate", "max_variance", "validity", "score", "confirmed_score"):
+        for given in (np.nan, "wide", None):
+            with pytest.raises(ValueError, match=f"{name} is {given!r}, expected a number"):
+                Tracker(Kalman(), **{name: given})
+    for missed in (-1, 2.5, "3"):
+        with pytest.raises(ValueError, match=f"max_missed is {missed!r}, expected a count"):
+            Tracker(Kalman(), max_missed=missed)
+    with pytest.raises(ValueError, match="coasting is 'no', expected True or False"):
+        Tracker(Kalman(), coasting="no")
 
 
 def test_equal_settings_are_told_alike() -> None:
