@@ -105,9 +105,9 @@ def filter_all(
 
 
 def is_batched(estimator: object) -> bool:
-    """Whether an estimator has kernels: its very class makes batches. A subclass may have changed
-    what they do."""
-    return "batch" in vars(type(estimator))
+    """Whether an estimator has kernels: it is one of this package's very classes. A subclass may
+    have changed what they do."""
+    return type(estimator).__module__.startswith("mdkf.") and hasattr(estimator, "batch")
 
 
 def _compile(dispatched: Any, arguments: Callable[..., Any]) -> None:

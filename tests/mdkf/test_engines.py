@@ -64,7 +64,10 @@ def traffic(seed: int, frames: int, objects: int, missed: float = 0.2) -> Detect
 
 
 class Own:
-    """A user's estimator: everything of a built-in one, but what the compiled pass needs."""
+    """A user's estimator: everything of a built-in one, but what the compiled pass needs; what it
+    calls `batch` is its own affair."""
+
+    batch = 32
 
     def __init__(self, estimator: Any) -> None:
         for name in (
