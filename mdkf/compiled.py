@@ -33,4 +33,4 @@ inlined = _compiler(_nrt=False, forceinline=True)
 and the number of derivatives is a constant there."""
 
 allocating = _compiler()
-"""Compiles a kernel that makes arrays; only Python may call it, not the kernels above."""
+"""Compiles a kernel that makes arrays; only Python and its like may call it, not those above."""

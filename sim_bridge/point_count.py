@@ -26,7 +26,7 @@ from numba import types
 from numba.extending import intrinsic, overload
 from numpy.typing import ArrayLike, NDArray
 
-from mdkf.compiled import inlined, kernel
+from mdkf.compiled import allocating, inlined, kernel
 from mdkf.tables import BoolArray, FloatArray, IntArray
 from sim_bridge.frames import checked_frames
 from sim_bridge.lidar import HDL_64E, Lidar, Words, fan
@@ -95,7 +95,7 @@ def _refuse_sensor_inside(row: int, table: FloatArray) -> None:
         )
 
 
-@kernel
+@allocating
 def _count_frames(
     positions: FloatArray,
     offsets: IntArray,
@@ -134,7 +134,7 @@ def _count_frames(
     return -1
 
 
-@kernel
+@allocating
 def _count_alone(
     positions: FloatArray,
     offsets: IntArray,
@@ -221,7 +221,7 @@ def _place(sensor: FloatArray, box: FloatArray, n_rays: int, view: FloatArray) -
     return int(min(max(ray, 0), n_rays - 1))
 
 
-@kernel
+@allocating
 def _sweep(
     views: FloatArray,
     across: BoolArray,
