@@ -36,7 +36,6 @@ LEVEL_1_VISIBLE = 0.5
 OFFSETS = ((1, 5), (6, 10), (11, 20), (21, 40), (41, None))
 """First and last frame of a part of a gap, counted from 1 in the gap's first frame."""
 
-
 EVERYTHING = "all"
 """The bin of all rows, and its group."""
 
@@ -114,8 +113,9 @@ def _around_gaps(trace: Trace, gaps: Gaps) -> _Around:
         around.phase[rows[(frame >= start - WINDOW) & (frame < start)]] = "before"
         around.phase[rows[(frame >= stop) & (frame < end)]] = "after"
         own = rows[(frame >= start) & (frame < stop)]
-        around.phase[own] = "gap"
         around.nth[own] = trace.frame[own] - start + 1
+    # Last, as what is before or after one gap of an object may lie in another.
+    around.phase[around.nth > 0] = "gap"
     return around
 
 

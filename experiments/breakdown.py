@@ -35,8 +35,8 @@ estimates (states)."""
 
 
 def breakdown(whole: Matched, groups: Sequence[str]) -> pl.DataFrame:
-    """One row for each bin and score: everything first, then the bins of each group in order, empty
-    ones too.
+    """One row for each bin and score: everything first, then the bins of each group, empty ones
+    too; a group that is named again is there once.
 
     groups: of phase, regime, range and level, or products of them, as range,level. Scores: hota,
     mota, miss_rate [%], idsw, and those of `GospaScores.values` and `StateErrors.values`. By phase
@@ -44,11 +44,12 @@ def breakdown(whole: Matched, groups: Sequence[str]) -> pl.DataFrame:
     is that of objects alone; in natural occlusions, where no track is asked for, there are state
     errors only.
 
-    Raises `ValueError` for an unknown group, and for one that is named twice.
+    Raises `ValueError` for an unknown group, and for a product that names one twice.
     """
     trace, tracks = whole.trace, whole.tracks
     found = [(EVERYTHING, everything(trace, tracks))]
-    found += [(group, one) for group in groups for one in bins(trace, tracks, whole.gaps, group)]
+    for group in dict.fromkeys(groups):
+        found += [(group, one) for one in bins(trace, tracks, whole.gaps, group)]
     false = whole.false()
     rows = [
         {

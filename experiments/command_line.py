@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -34,6 +35,7 @@ from experiments.options import (
     chosen_filters,
     chosen_gap_truth,
     chosen_occlusion,
+    chosen_rules,
     simulated,
 )
 from experiments.paper.command import paper
@@ -41,7 +43,7 @@ from experiments.report import write_report
 from experiments.score_command import score
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
-from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, Tracks
+from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
 from mdkf.settings import FOLDERS
 
 app = typer.Typer(
@@ -221,7 +223,9 @@ def detect(
     _write(detections if protocol.kind == "none" else protocol.apply(detections), out)
 
 
-@app.command(epilog="Example: mdkf track seen.parquet --filter md --out tracks.parquet")
+@app.command(
+    epilog="Example: mdkf track seen.parquet --filter md --set gate=3 --out tracks.parquet"
+)
 def track(
     detections: Annotated[Path, typer.Argument(help="A detection table's Parquet file.")],
     out: OutFile,
@@ -233,6 +237,15 @@ def track(
         ),
     ] = "md",
     settings: Settings = None,
+    rules: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help=f"A rule of the tracker ({', '.join(f.name for f in fields(TrackerSettings))});"
+            " repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Track detections with one filter."""
     try:
@@ -240,8 +253,8 @@ def track(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     table = sim_bridge.read_table(detections, Detections)
-    rules = _settings(settings or table.provenance.get("detector", "pointrcnn"))
-    _write(Tracker(chosen, rules).run(table), out)
+    base = _settings(settings or table.provenance.get("detector", "pointrcnn"))
+    _write(Tracker(chosen, chosen_rules(base, rules or [])).run(table), out)
 
 
 app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --by phase --by range,level")(

@@ -1,16 +1,19 @@
 """What several commands share: options and what they mean, a spinner, and simulated worlds."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
 import mdkf
 import sim_bridge
 from experiments.occlusion import OcclusionProtocol
-from mdkf import Trace
+from mdkf import DETECTORS, Trace, TrackerSettings
 from scenarios import Scenario
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
@@ -48,6 +51,24 @@ def chosen_filters(text: str) -> tuple[str, ...]:
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
     return names
+
+
+def chosen_rules(name: str, given: Sequence[str]) -> TrackerSettings:
+    """A detector's tracker settings, some of them replaced by NAME=VALUE; refuses what is none."""
+    rules = asdict(DETECTORS[name])
+    for text in given:
+        rule, separator, value = text.partition("=")
+        if rule not in rules or not separator:
+            known = ", ".join(rules)
+            raise typer.BadParameter(f"{text!r}, expected NAME=VALUE with one of: {known}")
+        rules[rule] = None if value == "none" else value
+    try:
+        return TypeAdapter(TrackerSettings).validate_python(rules)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"][:1]))
+        told = first["msg"].removeprefix("Value error, ")
+        raise typer.BadParameter(f"{where}: {told}" if where else told) from None
 
 
 def chosen_occlusion(text: str) -> OcclusionProtocol:

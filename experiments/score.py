@@ -50,7 +50,7 @@ class Scores:
         """Scores by bin (`experiments.breakdown`): `phase`, `regime`, `range`, `level`, or the
         products of several, as `range,level`.
 
-        Raises `ValueError` for an unknown group, and for one that is named twice.
+        Raises `ValueError` for an unknown group, and for a product that names one twice.
         """
         return breakdown(self.matched, groups)
 

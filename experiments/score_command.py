@@ -41,7 +41,7 @@ def score(
 ) -> None:
     """Score tracks against the truth; the gaps are read from the tracks' own file."""
     rules = {"gap_truth": chosen_gap_truth(gap_truth), "similarity": _similarity(similarity)}
-    groups = [_group(text) for text in by or []]
+    groups = list(dict.fromkeys(_group(text) for text in by or []))
     truth = sim_bridge.read_table(trace, Trace)
     estimate = sim_bridge.read_table(tracks, Tracks)
     result = score_tracks(truth, estimate, **rules)

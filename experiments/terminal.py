@@ -31,7 +31,7 @@ COLUMNS = (
     ("captured", "capt. %", 0, True),
     ("deleted", "del. %", 0, True),
     ("lost", "lost %", 0, True),
-    ("ms_per_frame", "ms/frame", 2, True),
+    ("ms_per_frame", "ms/frame", 3, True),
 )
 """What a table of results shows."""
 

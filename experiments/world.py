@@ -20,7 +20,7 @@ from mdkf import DETECTORS, Detections, Tracker, TrackerSettings, Tracks, estima
 from scenarios import Scenario
 from sim_bridge import SeedRefused, TraceCache, detect, simulate, write_table
 
-GROUPS = ("phase", "regime", "range,level")
+BREAKDOWNS = ("phase", "regime", "range,level")
 """What every world's scores are broken down by; the last as Waymo's tables are."""
 
 
@@ -90,7 +90,7 @@ def run_world(world: World) -> Outcome:
         rows.append({**row, "ms_per_frame": milliseconds})
         labels = [pl.lit(value).alias(key) for key, value in which.items()]
         errors.append(both.select(*labels, pl.all()))
-        bins.append(scores.by(*GROUPS).select(*labels, pl.all()))
+        bins.append(scores.by(*BREAKDOWNS).select(*labels, pl.all()))
         if world.keep is not None:
             write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
     return Outcome(name, seed, rows, pl.concat(errors), pl.concat(bins))

@@ -37,11 +37,11 @@ class Measure(NamedTuple):
 class Room(NamedTuple):
     """What one frame is worked out in: for n tracks, d detections and p pairs.
 
-    found (1,): pairs found, also where there is no room for them. Of tracks, (n,): kept, where
-    those that stay were before; match, their detections, counted from the frame's first, or
-    `UNMATCHED`. Of detections, (d,): free, whether a track may take it; sweep and spare, their
-    order along an axis; along, their place on it. Of pairs, (p,), sorted by track, then
-    detection: track, detection, cost; by_cost and spare_pairs, their order by cost.
+    found (2,): pairs found, also where there is no room for them, and the axis along which. Of
+    tracks, (n,): kept, where those that stay were before; match, their detections, counted from
+    the frame's first, or `UNMATCHED`. Of detections, (d,): free, whether a track may take it;
+    sweep and spare, their order along that axis; along, their place on it. Of pairs, (p,), by
+    track: track, detection, cost; by_cost and spare_pairs, their order by cost.
     """
 
     found: IntArray
@@ -64,7 +64,7 @@ class Room(NamedTuple):
         tracks, detections = np.empty((2, n), dtype=np.int64), np.empty((2, d), dtype=np.int64)
         pairs = np.empty((4, p), dtype=np.int64)
         return cls(
-            found=np.zeros(1, dtype=np.int64),
+            found=np.zeros(2, dtype=np.int64),
             kept=tracks[0],
             match=tracks[1],
             free=np.empty(d, dtype=np.bool_),
@@ -133,7 +133,6 @@ def find_pairs(
     axis = _sweep(position, first, d, room)
     found = 0
     for t in range(n):
-        begun = found
         reach = measure.gate
         if measure.mahalanobis:
             reach *= math.sqrt(predicted[t, 4 + 2 * axis] + measure.noise[axis])
@@ -145,15 +144,11 @@ def find_pairs(
             cost = _cost(predicted, t, position, first + j, measure)
             if cost < measure.gate:
                 if found < len(room.cost):
-                    # Insertion sort: a track has few candidates.
-                    k = found
-                    while k > begun and room.detection[k - 1] > j:
-                        room.detection[k], room.cost[k] = room.detection[k - 1], room.cost[k - 1]
-                        k -= 1
-                    room.track[found], room.detection[k], room.cost[k] = t, j, cost
+                    room.track[found], room.detection[found] = t, j
+                    room.cost[found] = cost
                 found += 1
             i += 1
-    room.found[0] = found
+    room.found[0], room.found[1] = found, axis
 
 
 @inlined
@@ -205,6 +200,10 @@ def greedy(room: Room) -> None:
     found = room.found[0]
     for k in range(found):
         room.by_cost[k] = k
+    if room.found[1] == 1:
+        # Found along y; equal costs are taken by track, then detection.
+        sort_by(room.detection, room.by_cost, found, room.spare_pairs)
+        sort_by(room.track, room.by_cost, found, room.spare_pairs)
     sort_by(room.cost, room.by_cost, found, room.spare_pairs)
     for k in range(found):
         t, j = room.track[room.by_cost[k]], room.detection[room.by_cost[k]]

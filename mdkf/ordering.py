@@ -8,7 +8,7 @@ RUN = 16
 
 
 @kernel
-def sort_by(key: FloatArray, order: IntArray, n: int, spare: IntArray) -> None:
+def sort_by(key: FloatArray | IntArray, order: IntArray, n: int, spare: IntArray) -> None:
     """Sort the first n of `order` so that key[order] ascends; equal keys keep their order.
 
     spare (n..,) is overwritten. Keys are finite.

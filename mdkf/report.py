@@ -88,6 +88,7 @@ def table(
             **detections.provenance,
             "estimator": estimator,
             "settings": repr(settings),
+            "position": settings.position,
         },
         diagnostics=own,
     )

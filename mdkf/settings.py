@@ -50,6 +50,9 @@ class TrackerSettings:
     confirmation: Confirmation = "retrospective"
 
     def __post_init__(self) -> None:
+        for name in ("gate", "validity", "score", "confirmed_score", "x_var", "y_var"):
+            # Equal settings read alike wherever they are told.
+            object.__setattr__(self, name, float(getattr(self, name)))
         for name in ("gate", "x_var", "y_var", "max_variance"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -15,10 +15,36 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-CodeArray = NDArray[np.uint8]
+from mdkf.columns import (
+    BoolArray,
+    CodeArray,
+    FloatArray,
+    IntArray,
+    TableError,
+    as_column,
+    as_count,
+    as_time,
+    reordered,
+    row_order,
+)
+
+__all__ = [
+    "CLUTTER",
+    "KINDS",
+    "REGIMES",
+    "UNKNOWN_REGIME",
+    "WALL",
+    "BoolArray",
+    "CodeArray",
+    "Detections",
+    "EgoPath",
+    "FloatArray",
+    "IntArray",
+    "Table",
+    "TableError",
+    "Trace",
+    "Tracks",
+]
 
 KINDS = ("car", "van", "bus", "truck", "bicycle", "pedestrian", "wall")
 """Names of the codes in `Trace.kind`; a `wall` hides what is behind it and is no road user."""
@@ -37,10 +63,6 @@ REGIMES = (
 UNKNOWN_REGIME = REGIMES.index("unknown")
 CLUTTER = -1
 """`Detections.source` of a box that no object caused."""
-
-
-class TableError(ValueError):
-    """A table breaks its contract; the message names the table, the row and what was expected."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -62,6 +84,9 @@ class Table:
     frame_start: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
+        name = type(self).__name__
+        object.__setattr__(self, "n_frames", as_count(name, self.n_frames))
+        object.__setattr__(self, "dt", as_time(name, self.dt))
         for array in self.columns().values():
             array.flags.writeable = False
         starts = np.searchsorted(self.frame, np.arange(self.n_frames + 1))
@@ -88,19 +113,20 @@ class Table:
             raise TableError(f"{name}: column {missing[0]!r} is missing; expected {list(types)}")
         if unknown := [c for c in columns if c not in types]:
             raise TableError(f"{name}: unknown column {unknown[0]!r}; expected {list(types)}")
-        arrays = {c: _as_column(name, c, columns[c], types[c]) for c in types}
-        lengths = {len(a) for a in arrays.values()}
+        arrays = {c: as_column(name, c, columns[c], types[c]) for c in types}
+        extra = others.pop("diagnostics", None) or {}
+        own = {c: as_column(name, c, a, np.dtype(np.float64)) for c, a in extra.items()}
+        lengths = {len(a) for a in (*arrays.values(), *own.values())}
         if len(lengths) > 1:
-            described = ", ".join(f"{c} {len(a)}" for c, a in arrays.items())
+            described = ", ".join(f"{c} {len(a)}" for c, a in (arrays | own).items())
             raise TableError(f"{name}: columns differ in length: {described}")
-        order = _order(arrays, ["frame"] if cls.ID is None else ["frame", cls.ID])
-        values: dict[str, Any] = {c: _taken(a, order) for c, a in arrays.items()}
-        extra = others.pop("diagnostics", None)
-        if extra is not None:
-            others["diagnostics"] = {
-                c: _taken(_as_column(name, c, a, np.dtype(np.float64)), order)
-                for c, a in extra.items()
-            }
+        order = row_order(arrays, ["frame"] if cls.ID is None else ["frame", cls.ID])
+        values: dict[str, Any] = {c: reordered(a, order) for c, a in arrays.items()}
+        if own:
+            others["diagnostics"] = {c: reordered(a, order) for c, a in own.items()}
+        if not isinstance(others.get("provenance", {}), Mapping):
+            told = type(others["provenance"]).__name__
+            raise TableError(f"{name}: provenance is {told}, expected texts by name")
         table = cls(n_frames=n_frames, dt=dt, **values, **others)
         table.validate()
         return table
@@ -350,8 +376,10 @@ class Tracks(Table):
 
     def validate(self) -> None:
         super().validate()
-        determinant = self.cov_xx * self.cov_yy - self.cov_xy**2
-        self._refuse((self.cov_xx <= 0) | (determinant <= 0), "cov_xx", "a positive covariance")
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinant = self.cov_xx * self.cov_yy - self.cov_xy**2
+        positive = (self.cov_xx > 0) & (determinant > 0)
+        self._refuse(~positive, "cov_xx", "a positive covariance")
 
 
 _TYPES: dict[Any, np.dtype[Any]] = {
@@ -360,38 +388,3 @@ _TYPES: dict[Any, np.dtype[Any]] = {
     BoolArray: np.dtype(np.bool_),
     CodeArray: np.dtype(np.uint8),
 }
-
-
-def _as_column(table: str, column: str, values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """A column as its stored type, not copied if it is that; refuses what would change a value."""
-    given = np.asarray(values)
-    if given.ndim != 1:
-        raise TableError(f"{table}: column {column!r} has shape {given.shape}, expected one axis")
-    if given.dtype.kind not in "biuf":
-        raise TableError(f"{table}: column {column!r} holds {given.dtype}, expected numbers")
-    with np.errstate(invalid="ignore"):
-        converted = given.astype(dtype, copy=False)
-    if dtype.kind != "f" and converted is not given and not np.array_equal(converted, given):
-        raise TableError(f"{table}: column {column!r} holds values that are no {dtype.name}")
-    return converted
-
-
-def _order(arrays: Mapping[str, NDArray[Any]], keys: list[str]) -> IntArray:
-    """The order of rows by the keys; every column breaks ties, so that the order of equal keys does
-    not depend on the input's."""
-    by = [arrays[key] for key in keys]
-    order = np.lexsort(by[::-1])
-    repeated = np.ones(max(len(order) - 1, 0), dtype=np.bool_)
-    for key in by:
-        ordered = key[order]
-        repeated &= ordered[1:] == ordered[:-1]
-    return np.lexsort([*by, *arrays.values()][::-1]) if repeated.any() else order
-
-
-def _taken(array: NDArray[Any], order: IntArray) -> NDArray[Any]:
-    """A copy in another order."""
-    taken = np.ascontiguousarray(array[order])
-    if taken.dtype.kind == "f":
-        # Minus zero and zero are one number: equal tables must have equal bytes.
-        taken += 0.0
-    return taken

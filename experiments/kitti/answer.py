@@ -87,6 +87,16 @@ def results_frame(answers: Sequence[Answer]) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
+def errors_frame(answers: Sequence[Answer]) -> pl.DataFrame:
+    """`Results.errors` of all detectors' recorded detections: what the gaps' table is made of."""
+    parts = [
+        answer.recorded.errors.with_columns(detector=pl.lit(answer.detector.name))
+        for answer in answers
+        if not answer.recorded.errors.is_empty()
+    ]
+    return pl.concat(parts) if parts else pl.DataFrame()
+
+
 def document(answers: Sequence[Answer]) -> dict[str, Any]:
     """All results as they go into one JSON document."""
     return {

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from experiments.kitti.answer import Answer, document, results_frame
+from experiments.kitti.answer import Answer, document, errors_frame, results_frame
 from experiments.kitti.published import PUBLISHED, VALIDATION, VALIDATION_FRAMES
 from experiments.kitti.recordings import (
     Recording,
@@ -86,8 +86,8 @@ def kitti(
         Path | None,
         typer.Option(
             file_okay=False,
-            help="Folder for results.parquet and tracks/FILTER/data/SSSS.txt; with several folders"
-            " of detections, DETECTOR/tracks.",
+            help="Folder for results.parquet, errors.parquet (around hidden detections) and"
+            " tracks/FILTER/data/SSSS.txt; with several folders of detections, DETECTOR/tracks.",
         ),
     ] = None,
     as_json: Json = False,
@@ -116,6 +116,9 @@ def kitti(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         write_frame(results_frame(answers), out / "results.parquet")
+        errors = errors_frame(answers)
+        if not errors.is_empty():
+            write_frame(errors, out / "errors.parquet")
     if as_json:
         print(json.dumps(document(answers), allow_nan=False))
         return

@@ -6,7 +6,6 @@
 Both are expected to be 2, the numbers in e and y, if the covariances are true.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
@@ -20,8 +19,6 @@ DEGREES = 2
 
 NIS_COLUMN = "nis"
 """The column of an estimator's diagnostics that holds its NIS."""
-
-_REPORTED = re.compile(r"\bposition='(\w+)'")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +70,14 @@ def state_errors(
     """Errors of the tracks' rows, each towards the truth row beside it: both (n,) row numbers.
 
     NEES needs the filter's own position: where the tracker reports the detection instead (its
-    settings travel with the tracks) it has no value. Nor has NIS if the estimator does not tell
+    provenance says so) it has no value. Nor has NIS if the estimator does not tell
     it, nor the velocity where the trace has none.
     """
     i, j = truth_row, track_row
     ex, ey = tracks.x[j] - trace.x[i], tracks.y[j] - trace.y[i]
     xx, xy, yy = tracks.cov_xx[j], tracks.cov_xy[j], tracks.cov_yy[j]
     nees = (yy * ex**2 - 2 * xy * ex * ey + xx * ey**2) / (xx * yy - xy**2)
-    told = _REPORTED.search(tracks.provenance.get("settings", ""))
-    if told is not None and told[1] == "measurement":
+    if tracks.provenance.get("position") == "measurement":
         nees[~tracks.coasted[j]] = np.nan
     turned = np.mod(tracks.yaw[j] - trace.yaw[i], 2 * np.pi)
     nis = tracks.diagnostics.get(NIS_COLUMN)

@@ -77,6 +77,22 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     "unknown option": (("run", "--seed", 3), ("--seed",)),
     "unknown command": (("simulat", "bus_stop"), ("'simulat'",)),
     "nothing to write to": (("simulate", "bus_stop"), ("--out",)),
+    "an unknown rule of the tracker": (
+        ("track", "{made}/seen.parquet", "--set", "gates=3", *OUT),
+        ("gates=3", "NAME=VALUE with one of: gate, validity"),
+    ),
+    "a rule without a value": (
+        ("track", "{made}/seen.parquet", "--set", "gate", *OUT),
+        ("'gate', expected NAME=VALUE",),
+    ),
+    "a rule that is no number": (
+        ("track", "{made}/seen.parquet", "--set", "gate=wide", *OUT),
+        ("gate: Input should be a valid number",),
+    ),
+    "a rule that cannot be": (
+        ("track", "{made}/seen.parquet", "--set", "gate=-1", *OUT),
+        ("gate is -1.0, expected a number above 0",),
+    ),
     "nothing to track": (("track", *OUT), ("Missing argument",)),
     "trace that is not there": (("detect", "gone.parquet", *OUT), ("gone.parquet: no such file",)),
     "truncated trace": (

@@ -173,10 +173,11 @@ GAP = [(1, 30, 75)]
 
 
 def hidden_car() -> tuple[Trace, Tracks]:
-    """A car 10 m away for 120 frames, hidden by the protocol in frames 30 to 74 and out of view in
-    frames 100 to 109; its track is k / 100 m off in frame k."""
+    """A car 10 m away for 120 frames, hidden by the protocol in frames 30 to 74, out of view in the
+    last five of them and in frames 100 to 109; its track is k / 100 m off in frame k."""
     rows = [(k, 1, 10.0, 0.0) for k in range(120)]
-    trace = trace_of(rows, 120, visible=[0.0 if 100 <= k < 110 else 1.0 for k, *_ in rows])
+    hidden = {*range(70, 75), *range(100, 110)}
+    trace = trace_of(rows, 120, visible=[0.0 if k in hidden else 1.0 for k, *_ in rows])
     told = {"occlusion": json.dumps({"protocol": "mid:45:20", "gaps": GAP})}
     return trace, tracks_of([(k, 1, x, k / 100) for k, _, x, _ in rows], 120, provenance=told)
 
@@ -204,6 +205,20 @@ def test_phases_are_frames_around_the_gap() -> None:
     assert value(table, "all", "position_error", "n") == 110
 
 
+def test_what_is_between_two_gaps_of_an_object_is_in_neither() -> None:
+    """Frames 80 to 84 lie after the first and before the second, which begins within a second; the
+    gaps' own frames stay theirs."""
+    trace, tracks = hidden_car()
+    told = {"occlusion": json.dumps({"protocol": "mid:45:20", "gaps": [(1, 85, 95), (1, 60, 80)]})}
+    table = breakdown(trace, dataclasses.replace(tracks, provenance=told), "phase")
+    frames = {
+        name: value(table, name, "position_error", "n") for name in ("before", "gap", "after")
+    }
+    assert sum(frames.values()) == 10 + 20 + 5 + 10 + 5
+    assert frames["gap"] == 30
+    assert value(table, "gap 1-5", "position_error") == pytest.approx((0.62 + 0.87) / 2)
+
+
 def test_a_late_gap_has_nothing_after_it() -> None:
     """Its object is never detected again."""
     trace, tracks = hidden_car()
@@ -214,8 +229,9 @@ def test_a_late_gap_has_nothing_after_it() -> None:
 
 
 def test_gaps_that_are_ignored_have_no_value() -> None:
-    """By the other convention truth there does not count."""
+    """By the other convention truth there does not count; it is no natural occlusion either."""
     table = breakdown(*hidden_car(), "phase", "ignore")
+    assert value(table, "occluded", "position_error", "n") == 10
     for name in ("gap", *GAP_PARTS):
         rows = table.filter(bin=name)
         assert rows["value"].null_count() == len(rows) > 0
@@ -258,8 +274,8 @@ def test_several_groups_give_their_products(real: tuple[Trace, Tracks]) -> None:
 
 
 def test_hota_of_a_range_is_trackevals() -> None:
-    """Cars at 10, 40 and 55 m, whose tracks are up to 1.5 m off, missing now and then and swapped
-    half-way through: TrackEval is given the rows of one range."""
+    """Cars from 10 to 55 m, whose tracks are up to 1.5 m off, missing now and then and swapped
+    half-way through, and tracks on nothing 15 m beside: TrackEval is given one range's rows."""
     rng = np.random.default_rng(5)
     places = {1: 10.0, 2: 20.0, 3: 35.0, 4: 45.0, 5: 55.0}
     truth: Rows = [(k, i, x, 0.0) for k in range(60) for i, x in places.items()]
@@ -269,6 +285,7 @@ def test_hota_of_a_range_is_trackevals() -> None:
         for k, i, x, _ in truth
         if rng.random() < 0.9
     ]
+    rows += [(k, 100 + i, x, 15.0) for k, i, x, _ in truth if k % 10 < i]
     trace, tracks = trace_of(truth, 60), tracks_of(rows, 60)
     table = breakdown(trace, tracks, "range")
     for name, near, far in (("0-30 m", 0, 30), ("30-50 m", 30, 50), ("50+ m", 50, 61)):
@@ -311,6 +328,7 @@ def test_several_breakdowns_are_one_table(real: tuple[Trace, Tracks]) -> None:
     alone = [breakdown(*real, group) for group in ("phase", "range,level")]
     expected = pl.concat([alone[0], alone[1].filter(pl.col("group") != "all")])
     assert both.equals(expected)
+    assert score(*real).by("phase", "range,level", "phase").equals(expected)
     assert score(*real).by().equals(expected.filter(group="all"))
 
 

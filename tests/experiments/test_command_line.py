@@ -16,6 +16,7 @@ import scenarios
 import sim_bridge
 from experiments import OcclusionProtocol, score
 from experiments.command_line import app
+from mdkf import MotionDynamics, Tracker
 from mdkf.tables import Detections, Trace, Tracks
 from sim_bridge import SeedRefused, read_table
 from tests.experiments.commands import (
@@ -105,6 +106,11 @@ def test_file_to_file_is_what_the_library_does_in_one_process(
     assert mdkf_command("detect", "trace.parquet", *hide, "--out", "seen.parquet").status == 0
     filtered = ("--filter", "md", "--out", "tracks.parquet")
     assert mdkf_command("track", "seen.parquet", *filtered).status == 0
+    ruled = ("--filter", "md", "--set", "gate=3", "--set", "coasting=no", "--set", "max_missed=9")
+    assert mdkf_command("track", "seen.parquet", *ruled, "--out", "other.parquet").status == 0
+    other = read_table(tmp_path / "other.parquet", Tracks)
+    tracker = Tracker(MotionDynamics(), "pointrcnn", gate=3, coasting=False, max_missed=9)
+    assert other == tracker.run(read_table(tmp_path / "seen.parquet", Detections))
     kinds = {"trace": Trace, "seen": Detections, "tracks": Tracks}
     tables: dict[str, Any] = {}
     for name, kind in kinds.items():

@@ -84,6 +84,14 @@ def test_no_detour_is_shorter(a: Places, b: Places, c: Places, power: float) -> 
     assert direct <= of_one_frame(a, b, power=power) + of_one_frame(b, c, power=power) + 1e-12
 
 
+@pytest.mark.parametrize(("power", "expected"), [(1.0, np.sqrt(3.49)), (2.0, np.sqrt(1.89))])
+def test_the_power_decides_between_assignments(power: float, expected: float) -> None:
+    """Objects at 0 and 1 m, tracks at (1, 0) and (1.8, 0.5). Crosswise the distances are 0 and
+    1.87, the other way 1 and 0.94: less in sum is the first, less in squares the second."""
+    truth, tracks = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0, 0.0], [1.8, 0.5]])
+    assert of_one_frame(truth, tracks, power=power) == pytest.approx(expected)
+
+
 def test_its_parts_by_hand() -> None:
     """c 2 m, p 2. Frame 0: 0.6 m off, one object missed, two tracks false: 0.36 + 2 + 4. Frame 1:
     2 m off is too far, so missed and false: 2 + 2. Frame 2: nothing, which does not count. Frame 3:
@@ -123,20 +131,20 @@ def test_of_nothing_there_is_no_value() -> None:
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
 def test_frames_are_assigned_apart_and_at_best(power: float) -> None:
-    """Forty crowded frames at once: in each the chosen pairs have the largest sum of
+    """400 crowded frames at once: in each the chosen pairs have the largest sum of
     reach^p - d^p of all assignments, and none is 2 m apart or more."""
     rng = np.random.default_rng(7)
-    counts = rng.integers(0, 5, (2, 40))
-    frame, other = (np.repeat(np.arange(40), count) for count in counts)
-    truth, tracks = rng.uniform(0, 4, (len(frame), 2)), rng.uniform(0, 4, (len(other), 2))
-    row = assigned(frame, truth, other, tracks, 40, 2.0, power)
+    counts = rng.integers(0, 5, (2, 400))
+    frame, other = (np.repeat(np.arange(400), count) for count in counts)
+    truth, tracks = rng.uniform(0, 3, (len(frame), 2)), rng.uniform(0, 3, (len(other), 2))
+    row = assigned(frame, truth, other, tracks, 400, 2.0, power)
     pair = np.flatnonzero(row != UNASSIGNED)
     assert len(set(row[pair])) == len(pair) > 20
     np.testing.assert_array_equal(frame[row[pair]], other[pair])
     distance = np.linalg.norm(truth[row[pair]] - tracks[pair], axis=1)
     assert distance.max() < 2.0
-    found = np.bincount(other[pair], 2.0**power - distance**power, 40)
-    for k in range(40):
+    found = np.bincount(other[pair], 2.0**power - distance**power, 400)
+    for k in range(400):
         a, b = truth[frame == k], tracks[other == k]
         gain = 2.0**power - np.minimum(np.linalg.norm(a[:, None] - b, axis=2), 2.0) ** power
         gain = gain if len(a) <= len(b) else gain.T

@@ -266,9 +266,14 @@ def test_occlusion_is_where_filters_differ(root: Path, mdkf_command: Mdkf) -> No
         assert row["error"] == pytest.approx(row["drift"])
     assert ca["against"] == 0
     assert md["against"] == pytest.approx(md["drift"] - ca["drift"])
-    shown = mdkf_command("kitti", *only, "--occlusion", "mid:20").out
+    shown = mdkf_command("kitti", *only, "--occlusion", "mid:20", "--out", "out").out
     assert "errors in 2 gaps" in shown
     assert "occlusion mid:20:35" in shown
+    errors = pl.read_parquet("out/errors.parquet").filter(phase="gap", detector="pvcnn")
+    for row in (ca, md):
+        drift = errors.filter(filter=row["filter"])["drift"]
+        assert len(drift) == 40
+        assert row["drift"] == pytest.approx(drift.mean())
 
 
 def test_simulated_detections_stand_beside_recorded_ones(root: Path, mdkf_command: Mdkf) -> None:

@@ -15,10 +15,7 @@ from mdkf.motion import transition
 from mdkf.tables import Trace, Tracks
 from tests.tables import random_trace, random_tracks, trace_of, tracks_of
 
-POSTERIOR = {"settings": repr(mdkf.DETECTORS["pointrcnn"])}
-MEASURED = {
-    "settings": repr(dataclasses.replace(mdkf.DETECTORS["pointrcnn"], position="measurement"))
-}
+POSTERIOR, MEASURED = {"position": "posterior"}, {"position": "measurement"}
 
 
 def one_pair(truth: dict[str, float], track: dict[str, float]) -> StateErrors:

@@ -62,6 +62,11 @@ def is_sound(columns: dict[str, Any]) -> bool:
             low, high = whole[name]
             if not all(value == int(value) and low <= value <= high for value in column):
                 return False
+        # Whole numbers that no float is would come out as others.
+        if name not in whole and not all(
+            value == int(float(value)) for value in column if isinstance(value, int)
+        ):
+            return False
         if name in ("length", "width", "height") and not all(value > 0 for value in column):
             return False
     objects = [

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdkf.tables import Detections, EgoPath, TableError, Trace
+from mdkf.tables import Detections, EgoPath, TableError, Trace, Tracks
 from tests.tables import random_detections, random_trace, random_tracks
 
 
@@ -100,6 +100,39 @@ def test_wrong_columns_are_named() -> None:
     ego = {c: a[1:] for c, a in table.ego.columns().items()}
     with pytest.raises(TableError, match="one row in each"):
         EgoPath.from_columns(ego, n_frames=12, dt=0.1)
+
+
+def test_what_would_change_a_value_is_refused() -> None:
+    """Counts and times of other types, ragged and masked columns, whole numbers that no float is,
+    diagnostics of another length; equal numbers of other types give equal tables."""
+    table = random_detections(np.random.default_rng(7), 20)
+    columns = dict(table.columns())
+    made = {"n_frames": 12, "dt": 1}
+    for n_frames in ("12", None, 12.0, 2.5):
+        with pytest.raises(TableError, match=r"n_frames is .*, expected a whole number"):
+            Detections.from_columns(columns, n_frames=n_frames, dt=0.1)  # type: ignore[arg-type]
+    for dt in ("0.1", None, [0.1]):
+        with pytest.raises(TableError, match=r"dt is .*, expected a number of seconds"):
+            Detections.from_columns(columns, n_frames=12, dt=dt)  # type: ignore[arg-type]
+    with pytest.raises(TableError, match="provenance is NoneType, expected texts"):
+        Detections.from_columns(columns, provenance=None, **made)
+    x: object
+    for x, message in (
+        ([[1.0], [1.0, 2.0]], "'x' is no array"),
+        (np.ma.masked_greater(columns["x"], 0.0), "'x' has masked values"),
+        (np.full(20, 2**53 + 1), "'x' holds values that are no float64"),
+    ):
+        with pytest.raises(TableError, match=message):
+            Detections.from_columns(columns | {"x": x}, **made)
+    same = Detections.from_columns(columns, n_frames=np.int64(12), dt=np.float32(1.0))
+    assert same.content_hash() == Detections.from_columns(columns, **made).content_hash()
+    tracks = random_tracks(np.random.default_rng(8), 20)
+    with pytest.raises(TableError, match=r"differ in length.*nis 3"):
+        Tracks.from_columns(
+            {name: getattr(tracks, name) for name in Tracks.column_types()},
+            **made,
+            diagnostics={"nis": np.ones(3)},
+        )
 
 
 def test_clutter_may_repeat_in_a_frame() -> None:
