@@ -10,9 +10,16 @@ from rich.console import RenderableType
 from experiments.kitti.compare import LABELLED, OFFICIAL, compared
 from experiments.kitti.gaps import gap_rows
 from experiments.kitti.published import Published
+from experiments.kitti.ranks import against_first
 from experiments.kitti.recordings import DetectorFolder
 from experiments.kitti.run import Plan, Results
-from experiments.kitti.tables import comparison_table, gap_table, scores_table, scores_title
+from experiments.kitti.tables import (
+    comparison_table,
+    differences_table,
+    gap_table,
+    scores_table,
+    scores_title,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +60,14 @@ class Answer:
         return [{**which, **row} for row in gap_rows(self.recorded.errors)]
 
     def comparison(self, rules: str) -> list[dict[str, Any]]:
-        """`compared` rows under some rules."""
+        """`compared` rows under some rules, each with its `against_first`."""
         made = [row for results in self.simulated for row in results.rows]
-        return compared(
+        rows = compared(
             [row for row in self.recorded.rows if row["rules"] == rules],
             [row for row in made if row["rules"] == rules],
         )
+        against = against_first(self.recorded, self.simulated, rules)
+        return [{**row, **other} for row, other in zip(rows, against, strict=True)]
 
     def shown(self) -> Iterator[RenderableType]:
         """Tables, those of the scores first."""
@@ -79,6 +88,9 @@ class Answer:
             yield comparison_table(title, rows, OFFICIAL, ("idsw", "fp", "fn"))
             title += "; without what is tracked of labelled cars before or after their labels"
             yield comparison_table(title, rows, LABELLED, ("labelled_fp",))
+            if len(rows) > 1:
+                title = f"{self.detector.name}, rules {rules.name}: do the filters differ alike?"
+                yield differences_table(title, rows, OFFICIAL)
 
 
 def results_frame(answers: Sequence[Answer]) -> pl.DataFrame:
