@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from experiments.kitti.compare import LABELLED, OFFICIAL, compared
 from experiments.kitti.gaps import gap_rows
 from experiments.kitti.published import Published
-from experiments.kitti.ranks import against_first
+from experiments.kitti.ranks import against_first, most_influential
 from experiments.kitti.recordings import DetectorFolder
 from experiments.kitti.run import Plan, Results
 from experiments.kitti.tables import (
@@ -60,14 +60,15 @@ class Answer:
         return [{**which, **row} for row in gap_rows(self.recorded.errors)]
 
     def comparison(self, rules: str) -> list[dict[str, Any]]:
-        """`compared` rows under some rules, each with its `against_first`."""
+        """`compared` rows under some rules, with their `against_first` and `most_influential`."""
         made = [row for results in self.simulated for row in results.rows]
         rows = compared(
             [row for row in self.recorded.rows if row["rules"] == rules],
             [row for row in made if row["rules"] == rules],
         )
         against = against_first(self.recorded, self.simulated, rules)
-        return [{**row, **other} for row, other in zip(rows, against, strict=True)]
+        influence = most_influential(self.recorded, self.simulated, rules)
+        return [{**a, **b, **c} for a, b, c in zip(rows, against, influence, strict=True)]
 
     def shown(self) -> Iterator[RenderableType]:
         """Tables, those of the scores first."""

@@ -49,12 +49,17 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
 
 
 def verdict(rows: Rows, scores: Sequence[str] = OFFICIAL) -> str:
-    """How far apart recorded and simulated scores are, in a line."""
+    """How far apart recorded and simulated scores are, in a line, and of the first filter's what
+    the sequence has part in it that changes it most."""
     told = []
     for name in scores:
         apart = [row[f"{name}_difference"] for row in rows]
         within = sum(value is not None and abs(value) <= POINTS for value in apart)
-        told.append(f"{heading(name)} within {POINTS:g} points for {within} of {len(rows)} filters")
+        line = f"{heading(name)} within {POINTS:g} points for {within} of {len(rows)} filters"
+        if (sequence := rows[0][f"{name}_influential"]) is not None:
+            line += f" ({rows[0]['filter']} {rows[0][f'{name}_difference']:+.2f}, without sequence"
+            line += f" {sequence} {rows[0][f'{name}_difference_without']:+.2f})"
+        told.append(line)
     return "; ".join(told)
 
 

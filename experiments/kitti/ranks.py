@@ -1,4 +1,4 @@
-"""Whether filters differ on simulated detections as they do on recorded ones.
+"""Whether filters differ on simulated detections as on recorded ones, and what one sequence does.
 
 Filters often score so alike that other sequences would rank them differently. So each is compared
 with the first, on the same detections, with an interval of the difference d by the jackknife over
@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from experiments.kitti.compare import SCORES
-from experiments.kitti.run import Results, Row
+from experiments.kitti.run import Results
 from experiments.statistics import CONFIDENCE, Interval
 from mdkf.tables import FloatArray
 
@@ -64,19 +64,45 @@ def jackknife(overall: float, without: FloatArray) -> Interval:
     return Interval(overall, overall - half, overall + half, n)
 
 
+def most_influential(
+    recorded: Results, simulated: Sequence[Results], rules: str
+) -> list[dict[str, Any]]:
+    """One row for each filter: of each of `SCORES` the sequence without which simulated less
+    recorded score, the mean over seeds, is another by most, and what it is then.
+
+    Both are None where there is no value, or one sequence alone.
+    """
+    filters = [row["filter"] for row in recorded.rows if row["rules"] == rules]
+    rows = []
+    for name in filters:
+        row: dict[str, Any] = {"filter": name}
+        for score in SCORES:
+            real = _values(recorded, (rules, name), score)
+            made = np.mean([_values(each, (rules, name), score) for each in simulated], axis=0)
+            apart, known = made - real, None
+            if len(apart) > 2 and np.isfinite(apart).all():
+                known = int(np.argmax(np.abs(apart[1:] - apart[0])))
+            names = list(recorded.left_out[rules, name])
+            row[f"{score}_influential"] = None if known is None else names[known]
+            row[f"{score}_difference_without"] = None if known is None else float(apart[1 + known])
+        rows.append(row)
+    return rows
+
+
 def _difference(
     results: Sequence[Results], one: tuple[str, str], other: tuple[str, str], score: str
 ) -> Interval:
     """One filter's score less another's, the mean over results."""
-
-    def values(of: Results, which: tuple[str, str]) -> FloatArray:
-        """The score of all sequences, then without each; None is NaN."""
-        rows: list[Row] = [row for row in of.rows if (row["rules"], row["filter"]) == which]
-        parts = [row[score] for row in (*rows, *of.left_out[which])]
-        return np.array(parts, dtype=np.float64)
-
-    apart = np.mean([values(each, one) - values(each, other) for each in results], axis=0)
+    differences = [_values(each, one, score) - _values(each, other, score) for each in results]
+    apart = np.mean(differences, axis=0)
     return jackknife(float(apart[0]), apart[1:])
+
+
+def _values(results: Results, which: tuple[str, str], score: str) -> FloatArray:
+    """(1 + sequences,) a score of all sequences, then without each; None is NaN."""
+    rows = [row for row in results.rows if (row["rules"], row["filter"]) == which]
+    parts = [row[score] for row in (*rows, *results.left_out[which].values())]
+    return np.array(parts, dtype=np.float64)
 
 
 def _verdict(recorded: Interval | None, simulated: Interval | None) -> str | None:

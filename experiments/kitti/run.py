@@ -70,11 +70,11 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class Results:
     """rows: one for each filter and rules. left_out: of each (rules, filter) `scores` without each
-    of the sequences, in their order. errors: `gap_errors` with columns filter, sequence and
+    of the sequences, by name. errors: `gap_errors` with columns filter, sequence and
     drift of every filter, under the first rules' settings but whatever they let be written."""
 
     rows: list[Row]
-    left_out: Mapping[tuple[str, str], list[Row]]
+    left_out: Mapping[tuple[str, str], Mapping[str, Row]]
     errors: pl.DataFrame
 
 
@@ -145,9 +145,10 @@ def run(
                 SequenceScores.of(recording, *each)
                 for recording, each in zip(recordings, written, strict=True)
             ]
-            left_out[rules.name, name] = [
-                scores(parts[:k] + parts[k + 1 :]) for k in range(len(parts))
-            ]
+            left_out[rules.name, name] = {
+                recording.sequence: scores(parts[:k] + parts[k + 1 :])
+                for k, recording in enumerate(recordings)
+            }
             which = {"detector": detector.name, "rules": rules.name, "filter": name}
             row = {**which, "occlusion": str(plan.occlusion), **scores(parts)}
             rows.append({**row, "ms_per_frame": milliseconds})
