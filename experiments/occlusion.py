@@ -152,7 +152,7 @@ def _told(provenance: Mapping[str, str]) -> tuple[str, IntArray]:
         told = json.loads(text)
         gaps = np.array([(o, a, b) for o, a, b in told["gaps"]], dtype=np.int64).reshape(-1, 3)
         return str(told["protocol"]), gaps
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, OverflowError):
         raise TableError(
             f"the tracks' provenance has occlusion {text!r}, expected a JSON object with the"
             " protocol and its gaps of (object, start, stop)"

@@ -90,7 +90,7 @@ class Rules(NamedTuple):
             float(settings.validity),
             float(settings.score),
             float(settings.max_variance),
-            NEVER if settings.max_missed is None else settings.max_missed,
+            NEVER if settings.max_missed is None else min(settings.max_missed, NEVER),
         )
 
 

@@ -50,13 +50,15 @@ class TrackerSettings:
     confirmation: Confirmation = "retrospective"
 
     def __post_init__(self) -> None:
-        for name in ("gate", "validity", "score", "confirmed_score", "x_var", "y_var"):
+        positive = ("gate", "x_var", "y_var", "max_variance")
+        for name in (*positive, "validity", "score", "confirmed_score"):
             # Equal settings read alike wherever they are told.
-            object.__setattr__(self, name, float(getattr(self, name)))
-        for name in ("gate", "x_var", "y_var", "max_variance"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            value = float(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if name in positive and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} is {value}, expected a number above 0")
+            if np.isnan(value):
+                raise ValueError(f"{name} is {value}, expected a number")
         if self.max_missed is not None and self.max_missed < 0:
             raise ValueError(f"max_missed is {self.max_missed}, expected a count of frames")
         for option, kind in (

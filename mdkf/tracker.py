@@ -42,6 +42,7 @@ class Tracker:
         self.estimator = estimator
         self.settings = replace(settings, **options)
         self._live: Compiled | Interpreted | None = None
+        self._within_step = False
 
     def run(self, detections: Detections) -> Tracks:
         """The tracks of a whole sequence. The detections' `source` is never read."""
@@ -52,19 +53,27 @@ class Tracker:
 
         detections: a table of one frame; its dt is the time since the last one [s]. Raises
         `ValueError` for a table of more frames, and unless the settings' confirmation is `online`:
-        what will be confirmed later is not known yet.
+        what will be confirmed later is not known yet. Raises `RuntimeError` while another thread
+        is within a step, and after a step that failed, until `reset`.
         """
         if detections.n_frames != 1:
             raise ValueError(f"a step takes one frame, not {detections.n_frames}")
         if self.settings.confirmation != "online":
             raise ValueError("a step needs confirmation='online': it reports tracks once confirmed")
+        if self._within_step:
+            raise RuntimeError("the last step has not ended or failed half-way; reset starts anew")
         if self._live is None:
             self._live = self._engine()
-        return self._tracks(self._live, detections)
+        # What ends a step half-way leaves tracks of which some are in this frame, some in the last.
+        self._within_step = True
+        tracks = self._tracks(self._live, detections)
+        self._within_step = False
+        return tracks
 
     def reset(self) -> None:
         """Forget the tracks of all steps so far."""
         self._live = None
+        self._within_step = False
 
     def _engine(self) -> Compiled | Interpreted:
         engine = Compiled if is_batched(self.estimator) else Interpreted

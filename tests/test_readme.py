@@ -23,7 +23,7 @@ def test_the_python_examples_run(tmp_path: Path, example: str) -> None:
         [sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr
-    assert "'hota': " in ran.stdout or "score" not in example
+    assert "'hota': " in ran.stdout or "experiments.score" not in example
 
 
 def test_the_steps_run_from_file_to_file(

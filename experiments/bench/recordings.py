@@ -3,7 +3,8 @@
 import mdkf
 from experiments.bench.measure import Block, Case
 from experiments.bench.plan import Plan
-from mdkf import Detections, Tracker
+from mdkf import DETECTORS, Detections, Tracker
+from mdkf.settings import FOLDERS
 from scenarios.kitti import kitti_names, kitti_root
 from sim_bridge.kitti import kitti_detections
 from sim_bridge.kitti_files import read_sequences
@@ -15,11 +16,11 @@ SPLIT = "val"
 
 
 def blocks(plan: Plan) -> list[Block]:
-    """One block for each detector whose detections are there."""
+    """One block for each detector whose detections are there and whose settings are known."""
     if not kitti_names():
         return []
     folders = sorted(path.name for path in (kitti_root() / "detections").glob("*/"))
-    return [_block(name) for name in folders]
+    return [_block(name) for name in folders if FOLDERS.get(name, name) in DETECTORS]
 
 
 def _block(detector: str) -> Block:

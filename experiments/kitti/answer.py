@@ -6,6 +6,7 @@ from typing import Any
 
 import polars as pl
 from rich.console import RenderableType
+from rich.markup import escape
 
 from experiments.kitti.compare import LABELLED, OFFICIAL, compared
 from experiments.kitti.gaps import gap_rows
@@ -14,6 +15,7 @@ from experiments.kitti.ranks import against_first, most_influential
 from experiments.kitti.recordings import DetectorFolder
 from experiments.kitti.run import Plan, Results
 from experiments.kitti.tables import (
+    WIDTH,
     comparison_table,
     differences_table,
     gap_table,
@@ -70,28 +72,31 @@ class Answer:
         influence = most_influential(self.recorded, self.simulated, rules)
         return [{**a, **b, **c} for a, b, c in zip(rows, against, influence, strict=True)]
 
-    def shown(self) -> Iterator[RenderableType]:
-        """Tables, those of the scores first."""
+    def shown(self, width: int) -> Iterator[RenderableType]:
+        """Tables, those of the scores first, for a terminal of so many characters."""
+        wide = width >= WIDTH
         published, occlusion = self.published(), str(self.plan.occlusion)
+        name = escape(self.detector.name)
         for rules in self.plan.rules:
-            title = scores_title(self.detector.name, rules, occlusion)
+            title = scores_title(name, rules, occlusion)
             rows = [row for row in self.recorded.rows if row["rules"] == rules.name]
-            yield scores_table(title, rows, [e for e in published if e.rules == rules.name])
+            yield scores_table(title, rows, [e for e in published if e.rules == rules.name], wide)
         if gaps := self.gaps():
-            title = f"{self.detector.name}, occlusion {occlusion}: errors in {gaps[0]['gaps']} gaps"
-            yield gap_table(title, gaps)
+            n = gaps[0]["gaps"]
+            title = f"{name}, occlusion {occlusion}: errors in {n} gap{'s' * (n != 1)}"
+            yield gap_table(title, gaps, wide)
         elif self.plan.occlusion.kind != "none":
-            yield f"{self.detector.name}: no object has detections enough for {occlusion}\n"
+            yield f"{name}: no object has detections enough for {occlusion}\n"
         for rules in self.plan.rules if self.simulated else ():
             rows = self.comparison(rules.name)
-            title = f"{self.detector.name}, rules {rules.name}: recorded against simulated"
+            title = f"{name}, rules {rules.name}: recorded against simulated"
             title = f"{title} detections, {len(self.simulated)} seeds"
-            yield comparison_table(title, rows, OFFICIAL, ("idsw", "fp", "fn"))
+            yield comparison_table(title, rows, OFFICIAL, ("idsw", "fp", "fn"), width)
             title += "; without what is tracked of labelled cars before or after their labels"
-            yield comparison_table(title, rows, LABELLED, ("labelled_fp",))
+            yield comparison_table(title, rows, LABELLED, ("labelled_fp",), width)
             if len(rows) > 1:
                 title = f"{self.detector.name}, rules {rules.name}: do the filters differ alike?"
-                yield differences_table(title, rows, OFFICIAL)
+                yield differences_table(title, rows, OFFICIAL, width)
 
 
 def results_frame(answers: Sequence[Answer]) -> pl.DataFrame:

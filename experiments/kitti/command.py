@@ -124,7 +124,7 @@ def kitti(
         return
     shown = Console() if Console().is_terminal else Console(width=FULL_WIDTH)
     for answer in answers:
-        for part in answer.shown():
+        for part in answer.shown(shown.width):
             shown.print(part, highlight=False)
     known = {folder.detector for folder in folders}
     others = [entry for entry in published if entry.detector not in known]
@@ -174,7 +174,7 @@ def _is_as_published(plan: Plan, recordings: Sequence[Recording]) -> bool:
 def _progress(total: int) -> Iterator[Callable[[str], None]]:
     """A bar on a terminal, moved on by telling what was done last."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     with Progress(
         *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
     ) as bar:

@@ -19,8 +19,13 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from experiments.metrics import Sequence, image_coverage, image_iou, sequence_from_matrices
-from experiments.metrics.boxes import CENTRE_SCALE
+from experiments.metrics import (
+    Sequence,
+    centre_similarity,
+    image_coverage,
+    image_iou,
+    sequence_from_matrices,
+)
 from mdkf.tables import BoolArray, FloatArray, IntArray
 from sim_bridge.kitti_files import CameraBoxes, read_labels, read_unlabelled
 from sim_bridge.kitti_image import PictureBoxes
@@ -93,7 +98,8 @@ def official_sequence(
         counted = labels.counted[truth]
         ignored = _ignored(overlap, counted, tracks.image[mine], area, spare[mine])
         if likeness == "ground":
-            overlap = _nearness(labels.boxes.bottom[truth], tracks.bottom[mine])
+            # x and z: the camera's y axis points down.
+            overlap = centre_similarity(labels.boxes.bottom[truth, ::2], tracks.bottom[mine, ::2])
         truth_ids.append(labels.boxes.last[truth][counted].astype(np.int64))
         track_ids.append(track_id[mine][~ignored])
         similarities.append(overlap[counted][:, ~ignored])
@@ -120,9 +126,3 @@ def _ignored(
     ignored |= (image_coverage(image, area) > MAX_COVERED + _EPSILON).any(axis=1)
     ignored[track] = ~counted[label]
     return ignored
-
-
-def _nearness(one: FloatArray, other: FloatArray) -> FloatArray:
-    """max(0, 1 - d / 2 m) (n, m) of middles (n, 3) and (m, 3) in camera axes [m]."""
-    apart = one[:, None, ::2] - other[None, :, ::2]
-    return np.maximum(1.0 - np.hypot(apart[..., 0], apart[..., 1]) / CENTRE_SCALE, 0.0)

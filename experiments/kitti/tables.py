@@ -10,7 +10,7 @@ from rich.table import Table
 from experiments.kitti.compare import heading, verdict
 from experiments.kitti.published import AB3DMOT, PAPER, ROBMOT, Published
 from experiments.kitti.rules import Rules
-from experiments.terminal import best
+from experiments.terminal import FULL_WIDTH, best
 
 COLUMNS = (
     # column, heading, decimals, whether smaller is better
@@ -26,8 +26,14 @@ COLUMNS = (
     ("ground_hota", "HOTA 2 m", 2, False),
     ("ground_mota", "MOTA 2 m", 2, False),
     ("ground_idsw", "IDSW 2 m", 0, True),
-    ("ms_per_frame", "ms/frame", 3, True),
+    ("ms_per_frame", "ms", 3, True),
 )
+
+WIDTH = 120
+"""Characters that the tables of scores and gaps need with all that they tell."""
+
+NARROW = ("hota", "assa", "mota", "idsw", "fp", "fn", "idf1", "ms_per_frame")
+"""Columns for which a terminal of 80 characters has room."""
 
 _SOURCES = {
     ROBMOT: "RobMOT: its own program's tracks",
@@ -37,33 +43,39 @@ _SOURCES = {
 
 
 def scores_table(
-    title: str, rows: Sequence[Mapping[str, Any]], published: Sequence[Published]
+    title: str,
+    rows: Sequence[Mapping[str, Any]],
+    published: Sequence[Published],
+    wide: bool = True,
 ) -> Table:
-    """Scores by filter, best in bold; under a filter what was published of it."""
+    """Scores by filter, best in bold; under a filter what was published of it. Not wide: some."""
+    columns = [column for column in COLUMNS if wide or column[0] in NARROW]
     sources = dict.fromkeys(entry.source for entry in published)
     notes = [entry.note for entry in published if entry.note]
-    told = "; ".join([*(_SOURCES[source] for source in sources), *notes])
+    sentences = "; ".join([*(_SOURCES[source] for source in sources), *notes])
+    overlap = "by overlap in the picture."
+    meaning = f"2 m: similarity 1 - d / 2 m of the distance on the ground; the rest {overlap}"
     table = Table(
         title=title,
         title_justify="left",
-        caption="2 m: similarity 1 - d / 2 m of the distance on the ground; the rest by overlap in"
-        " the picture. ms/frame: the tracker's CPU time." + (f" {told}." if told else ""),
+        caption=f"{meaning if wide else overlap.capitalize()} ms: the tracker's CPU time per frame."
+        + (f" {sentences}." if sentences else ""),
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
-    for _, name, _, _ in COLUMNS:
+    for _, name, _, _ in columns:
         table.add_column(name, justify="right", no_wrap=True)
-    leaders = {column: best(rows, column, smaller) for column, _, _, smaller in COLUMNS}
+    leaders = {column: best(rows, column, smaller) for column, _, _, smaller in columns}
     for row in rows:
         cells = []
-        for column, _, decimals, _ in COLUMNS:
+        for column, _, decimals, _ in columns:
             text = _number(row[column], decimals)
             cells.append(f"[bold]{text}[/bold]" if row[column] == leaders[column] else text)
         table.add_row(escape(row["filter"]), *cells)
-        _add_published(table, (entry for entry in published if entry.filter == row["filter"]))
-    _add_published(table, (entry for entry in published if not entry.filter))
+        _add_published(table, columns, (e for e in published if e.filter == row["filter"]))
+    _add_published(table, columns, (e for e in published if not e.filter))
     return table
 
 
@@ -74,7 +86,8 @@ def published_table(published: Sequence[Published]) -> Table:
     table = Table(
         title="published of other detectors on the val split",
         title_justify="left",
-        caption="; ".join(_SOURCES[name] for name in {entry.source for entry in published}) + ".",
+        caption="; ".join(_SOURCES[name] for name in dict.fromkeys(e.source for e in published))
+        + ".",
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
@@ -95,12 +108,13 @@ def scores_title(detector: str, rules: Rules, occlusion: str) -> str:
     return f"{detector}{gaps}, rules {rules.name}: {rules.meaning}"
 
 
-def gap_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Errors in gaps by filter, with their intervals."""
+def gap_table(title: str, rows: Sequence[Mapping[str, Any]], wide: bool = True) -> Table:
+    """Errors in gaps by filter; wide: with their intervals."""
     table = Table(
         title=title,
         title_justify="left",
-        caption="Means with 95 % intervals by bootstrap over objects. error: of the tracks, while"
+        caption=("Means with 95 % intervals by bootstrap over objects." if wide else "Means.")
+        + " error: of the tracks, while"
         " they live; drift: of the filter alone, in every gap, labels telling which detection is"
         " whose. captured, deleted, lost: percent of the followed tracks that took another"
         " detection in the gap, ended in it, were not with their object afterwards.",
@@ -112,38 +126,49 @@ def gap_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     table.add_column("filter", no_wrap=True)
     for name in ("followed", "capt. %", "del. %", "lost %"):
         table.add_column(name, justify="right", no_wrap=True)
-    for name in ("error [m]", "drift [m]", f"drift - {first}'s [m]"):
+    end = " " if wide else "\n"
+    for name in (f"error{end}[m]", f"drift{end}[m]", f"drift -{end}{first}'s [m]"):
         table.add_column(escape(name), justify="right", no_wrap=True)
     leaders = {column: best(rows, column, True) for column in ("error", "drift")}
     for row in rows:
         cells = [row["filter"], _number(row["followed"], 0)]
         cells += [_number(row[column], 0) for column in ("captured", "deleted", "lost")]
         for column in ("error", "drift"):
-            text = _with_interval(row, column, "")
+            text = _with_interval(row, column, "", wide)
             leads = row[column] == leaders[column]
             cells.append(f"[bold]{text}[/bold]" if leads else text)
-        cells.append("–" if row["filter"] == first else _with_interval(row, "against", "+"))
+        cells.append("–" if row["filter"] == first else _with_interval(row, "against", "+", wide))
         table.add_row(*cells)
     return table
 
 
 def comparison_table(
-    title: str, rows: Sequence[Mapping[str, Any]], scores: Sequence[str], counts: Sequence[str]
+    title: str,
+    rows: Sequence[Mapping[str, Any]],
+    scores: Sequence[str],
+    counts: Sequence[str],
+    width: int = FULL_WIDTH,
 ) -> Table:
-    """Recorded against simulated detections, by filter, with the filters' ranks."""
+    """Recorded against simulated detections, by filter; in less than `FULL_WIDTH` characters
+    without the counts, in less than `WIDTH` also without ranks and intervals."""
+    wide = width >= WIDTH
+    if width < FULL_WIDTH:
+        counts = ()
+    end = " " if wide else "\n"
+    rank = "in brackets the filter's rank; " if wide else ""
+    interval = ", with its 95 % interval over seeds" if wide else ""
     table = Table(
         title=title,
         title_justify="left",
-        caption="rec.: recorded; sim.: simulated, mean over seeds; in brackets the filter's rank;"
-        " difference: simulated less recorded, with its 95 % interval over seeds."
-        f" {verdict(rows, scores)}.",
+        caption=f"rec.: recorded; sim.: simulated, mean over seeds; {rank}difference:"
+        f" simulated less recorded{interval}. {verdict(rows, scores)}.",
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
     for name in scores:
-        for side in (f"{heading(name)} rec.", "sim.", "difference"):
+        for side in (f"{heading(name)}{end}rec.", "sim.", "difference"):
             table.add_column(side, justify="right", no_wrap=True)
     for name in counts:
         for side in (f"{heading(name)} rec.", "sim."):
@@ -152,9 +177,10 @@ def comparison_table(
         cells = [escape(row["filter"])]
         for column in scores:
             for side in ("recorded", "simulated"):
-                value, rank = row[f"{column}_{side}"], row[f"{column}_{side}_rank"]
-                cells.append("–" if value is None else f"{value:.2f} ({rank})")
-            cells.append(_with_interval(row, f"{column}_difference", "+"))
+                text = _number(row[f"{column}_{side}"], 2)
+                place = row[f"{column}_{side}_rank"]
+                cells.append(f"{text} ({place})" if wide and place is not None else text)
+            cells.append(_with_interval(row, f"{column}_difference", "+", wide))
         for column in counts:
             cells += [_number(row[f"{column}_recorded"], 0), _number(row[f"{column}_simulated"], 1)]
         table.add_row(*cells)
@@ -162,15 +188,20 @@ def comparison_table(
 
 
 def differences_table(
-    title: str, rows: Sequence[Mapping[str, Any]], scores: Sequence[str]
+    title: str,
+    rows: Sequence[Mapping[str, Any]],
+    scores: Sequence[str],
+    width: int = FULL_WIDTH,
 ) -> Table:
-    """Each filter's scores less the first one's, recorded and simulated, and whether they agree."""
-    first = rows[0]["filter"]
+    """Each filter's scores less the first one's, recorded and simulated, and whether they agree; in
+    less than `FULL_WIDTH` characters without intervals."""
+    first, wide = rows[0]["filter"], width >= FULL_WIDTH
+    end, interval = (" ", ", with 95 % intervals") if wide else ("\n", "; 95 % intervals are")
     table = Table(
         title=title,
         title_justify="left",
-        caption=f"Scores less {first}'s on the same detections, with 95 % intervals by jackknife"
-        " over sequences. agree: both differ from 0, and alike; contradict: oppositely; not"
+        caption=f"Scores less {first}'s on the same detections{interval} by jackknife over"
+        " sequences. agree: both differ from 0, and alike; contradict: oppositely; not"
         " separable: other sequences might turn one of them round.",
         caption_justify="left",
         box=SIMPLE_HEAD,
@@ -178,22 +209,24 @@ def differences_table(
     )
     table.add_column("filter", no_wrap=True)
     for name in scores:
-        for side in (f"{heading(name)} rec.", "sim.", ""):
+        for side in (f"{heading(name)}{end}rec.", "sim.", ""):
             table.add_column(side, justify="right", no_wrap=True)
     for row in rows[1:]:
         cells = [escape(row["filter"])]
         for column in scores:
             for side in ("recorded", "simulated"):
-                cells.append(_with_interval(row, f"{column}_{side}_against", "+"))
+                cells.append(_with_interval(row, f"{column}_{side}_against", "+", wide))
             cells.append(row[f"{column}_verdict"])
         table.add_row(*cells)
     return table
 
 
-def _add_published(table: Table, entries: Iterable[Published]) -> None:
+def _add_published(
+    table: Table, columns: Iterable[tuple[str, str, int, bool]], entries: Iterable[Published]
+) -> None:
     for entry in entries:
         cells = [
-            _number(entry.values.get(column), decimals, "") for column, _, decimals, _ in COLUMNS
+            _number(entry.values.get(column), decimals, "") for column, _, decimals, _ in columns
         ]
         table.add_row(f"  {entry.source}", *cells, style="dim")
 
@@ -202,9 +235,10 @@ def _number(value: float | None, decimals: int, missing: str = "–") -> str:
     return missing if value is None else f"{value:.{decimals}f}"
 
 
-def _with_interval(row: Mapping[str, Any], column: str, sign: str) -> str:
+def _with_interval(row: Mapping[str, Any], column: str, sign: str, told: bool = True) -> str:
+    """A value, and its interval if that is to be told and there is one."""
     value, low, high = row[column], row[f"{column}_low"], row[f"{column}_high"]
     if value is None:
         return "–"
     text = f"{value:{sign}.2f}"
-    return text if low is None else f"{text} \\[{low:{sign}.2f}, {high:{sign}.2f}]"
+    return text if low is None or not told else f"{text} \\[{low:{sign}.2f}, {high:{sign}.2f}]"

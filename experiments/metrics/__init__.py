@@ -12,6 +12,7 @@ from experiments.metrics.boxes import (
     Similarity,
     bird_iou,
     box_iou,
+    centre_similarity,
     image_coverage,
     image_iou,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "Similarity",
     "bird_iou",
     "box_iou",
+    "centre_similarity",
     "clear",
     "clear_matches",
     "clear_of",

@@ -71,6 +71,19 @@ _EPSILON = float(np.finfo(np.float64).eps)
 """An area in an image [px^2] up to which TrackEval takes a box for empty."""
 
 
+def centre_similarity(a: ArrayLike, b: ArrayLike) -> Floats:
+    """max(0, 1 - d / 2 m) (n, m) of the distance d of centres.
+
+    Args:
+        a: (n, 2) x, y [m] of the centre.
+        b: (m, 2) likewise.
+
+    Raises:
+        ValueError: another shape, or a row that is not finite.
+    """
+    return _matrix(_CENTRE, as_boxes("a", a, "centre"), as_boxes("b", b, "centre"))
+
+
 def bird_iou(a: ArrayLike, b: ArrayLike) -> Floats:
     """Bird's-eye intersection over union (n, m) of rotated rectangles; 0 for an empty one.
 

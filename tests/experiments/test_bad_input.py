@@ -93,6 +93,10 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
         ("track", "{made}/seen.parquet", "--set", "gate=-1", *OUT),
         ("gate is -1.0, expected a number above 0",),
     ),
+    "a rule that is not a number": (
+        ("track", "{made}/seen.parquet", "--set", "validity=nan", *OUT),
+        ("validity is nan, expected a number",),
+    ),
     "nothing to track": (("track", *OUT), ("Missing argument",)),
     "trace that is not there": (("detect", "gone.parquet", *OUT), ("gone.parquet: no such file",)),
     "truncated trace": (

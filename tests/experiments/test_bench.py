@@ -14,7 +14,16 @@ import numpy as np
 import pytest
 
 import mdkf
-from experiments.bench import command, filters, scoring, sensing, simulation, targets, trackers
+from experiments.bench import (
+    command,
+    filters,
+    recordings,
+    scoring,
+    sensing,
+    simulation,
+    targets,
+    trackers,
+)
 from experiments.bench.measure import Block, Case, Summary, measure, paired, summary
 from experiments.bench.parts import PARTS
 from experiments.bench.plan import Plan
@@ -25,6 +34,7 @@ from sim_bridge import simulate
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.overlap import first_overlap
 from tests.experiments.commands import Mdkf
+from tests.sim_bridge.kitti_folder import FOUND, GOOD, written
 
 TINY = Plan(
     rounds=2,
@@ -210,6 +220,17 @@ def test_the_tracker_follows_the_objects_of_its_workload() -> None:
         tracks = mdkf.Tracker(mdkf.estimator(name), trackers.DETECTOR).run(seen).between(59, 60)
         distance = np.hypot(*(true[:, None] - np.column_stack([tracks.x, tracks.y])).T)
         assert (distance.min(axis=0) < 1.0).mean() > 0.9, name
+
+
+def test_recorded_detections_are_tracked_where_their_settings_are_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Folders of other detectors may lie beside RobMOT's."""
+    split = {"evaluate_tracking.seqmap.val": GOOD["evaluate_tracking.seqmap.training"]}
+    found = {f"detections/{name}/0003.txt": GOOD[FOUND] for name in ("pvcnn", "second")}
+    monkeypatch.setenv("MDKF_KITTI", str(written(tmp_path, {**GOOD, **split, **found})))
+    blocks = recordings.blocks(TINY)
+    assert [block.cases[0].tier for block in blocks] == ["pvcnn", "second"]
 
 
 @pytest.mark.parametrize("objects", [20, 200])

@@ -230,6 +230,11 @@ def test_a_folder_of_a_users_own_is_tracked_scored_and_written(
     shown = mdkf_command(*MINE, *mine)
     assert "mine, rules robmot" in shown.out
     assert shown.err == ""
+    (root / "detections" / "mine").rename(root / "detections" / "mine[v2]")
+    own = ("--detections", root / "detections" / "mine[v2]", "--occlusion", "mid:20")
+    told = mdkf_command(*MINE, *own).out
+    assert "mine[v2], occlusion mid:20:35, rules robmot" in told
+    assert "mine[v2], occlusion mid:20:35: errors in" in told
 
 
 def test_detectors_settings_are_those_of_its_folders_name(

@@ -14,7 +14,14 @@ import shapely
 from numpy.testing import assert_allclose, assert_array_equal
 from trackeval.datasets._base_dataset import _BaseDataset
 
-from experiments.metrics import bird_iou, box_iou, image_coverage, image_iou, sequence_from_rows
+from experiments.metrics import (
+    bird_iou,
+    box_iou,
+    centre_similarity,
+    image_coverage,
+    image_iou,
+    sequence_from_rows,
+)
 
 Boxes = np.ndarray[Any, np.dtype[np.float64]]
 TOLERANCE = 1e-9
@@ -158,6 +165,18 @@ def test_equal_boxes_have_exactly_one() -> None:
     assert_array_equal(np.diag(bird_iou(a, a)), 1.0)
     space = in_space(a, rng)
     assert_array_equal(np.diag(box_iou(space, space)), 1.0)
+
+
+def test_centres_are_as_near_as_trackeval_says() -> None:
+    """Near, just at 2 m, farther, and none at all."""
+    rng = np.random.default_rng(4)
+    a, b = rng.uniform(-3.0, 3.0, (N, 2)), rng.uniform(-3.0, 3.0, (N, 2))
+    b[0], b[1] = a[0], a[0] + (0.0, 2.0)
+    expected = _BaseDataset._calculate_euclidean_similarity(a, b, zero_distance=2.0)
+    assert 0.2 < (expected > 0.0).mean() < 0.8
+    assert_allclose(centre_similarity(a, b), expected, rtol=0.0, atol=1e-15)
+    assert (centre_similarity(a, b)[0, :2] == (1.0, 0.0)).all()
+    assert centre_similarity(a, b[:0]).shape == (N, 0)
 
 
 def test_a_diamond_in_a_square() -> None:

@@ -156,7 +156,15 @@ def test_bad_options_are_one_line(
     assert_refused(answer, tmp_path, *parts)
 
 
-@pytest.mark.parametrize("told", ["mid:20", '{"protocol": "mid:20:35"}', '{"gaps": [[1, 2]]}'])
+@pytest.mark.parametrize(
+    "told",
+    [
+        "mid:20",
+        '{"protocol": "mid:20:35"}',
+        '{"gaps": [[1, 2]]}',
+        '{"protocol": "mid:20:35", "gaps": [[1, 2, 1e400]]}',
+    ],
+)
 def test_gaps_that_cannot_be_read_are_one_line(
     mdkf_command: Mdkf, made: Path, tmp_path: Path, told: str
 ) -> None:

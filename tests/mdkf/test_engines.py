@@ -14,6 +14,8 @@ import pytest
 
 import mdkf
 from mdkf import Detections, Tracker, Tracks
+from mdkf.association import Room
+from mdkf.engines import SLOTS
 from tests.mdkf.scenes import BUILT_IN, IMM, KALMAN, MD
 
 ROOT = Path(mdkf.__file__).parents[1]
@@ -175,6 +177,33 @@ def test_a_step_says_what_it_needs() -> None:
         Tracker(mdkf.Kalman(), confirmation="online").step(seen)
     with pytest.raises(ValueError, match="confirmation='online'"):
         Tracker(mdkf.Kalman()).step(frame_of(seen, 0))
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_after_a_step_that_failed_half_way_there_is_no_next(
+    own: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here for want of memory in a frame that brings more than there is room for; then it is the
+    tracker from the start."""
+    seen = traffic(7, 20, 200)
+    estimator = Own(mdkf.Kalman()) if own else mdkf.Kalman()
+    tracker = Tracker(estimator, "pvrcnn", confirmation="online", validity=1)
+    few, many = frame_of(seen, 10).take(np.arange(5)), frame_of(seen, 10)
+    assert len(many) > 2 * SLOTS
+
+    def none_left(*_: int) -> Room:
+        raise MemoryError
+
+    first = tracker.step(few)
+    with monkeypatch.context() as patched:
+        patched.setattr(Room, "of", none_left)
+        with pytest.raises(MemoryError):
+            tracker.step(many)
+    with pytest.raises(RuntimeError, match="failed half-way; reset starts anew"):
+        tracker.step(many)
+    tracker.reset()
+    assert_same_bits(tracker.step(few), first)
+    assert len(tracker.step(many)) > 0
 
 
 @pytest.mark.parametrize("own", [False, True])

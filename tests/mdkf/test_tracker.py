@@ -253,3 +253,18 @@ def test_wrong_settings_are_named() -> None:
         Tracker(Kalman(), DETECTORS["pointrcnn"], gate=-1)
     with pytest.raises(ValueError, match="position is 'prior'"):
         Tracker(Kalman(), position="prior")
+    for name in ("validity", "score", "confirmed_score"):
+        with pytest.raises(ValueError, match=f"{name} is nan, expected a number"):
+            Tracker(Kalman(), **{name: np.nan})
+
+
+def test_equal_settings_are_told_alike() -> None:
+    """Whole numbers or not; and no count of missed frames is too large for a kernel."""
+    rows = [(k, 0.0, 0.0, 1.0) for k in range(4)]
+    told = [
+        Tracker(Kalman(), SETTINGS, max_variance=most).run(detections(rows, 4)) for most in (4, 4.0)
+    ]
+    assert told[0].content_hash() == told[1].content_hash()
+    assert told[0].provenance == told[1].provenance
+    endless = Tracker(Kalman(), SETTINGS, max_missed=10**30).run(detections(rows, 100))
+    assert endless == Tracker(Kalman(), SETTINGS).run(detections(rows, 100))
