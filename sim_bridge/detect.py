@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from mdkf.tables import WALL, Detections, FloatArray, IntArray, Trace
+from mdkf.tables import CLUTTER, WALL, Detections, FloatArray, IntArray, Trace
+from sim_bridge.beyond_labels import has_labels, with_unlabelled
 from sim_bridge.clutter import SMALLEST, flashes, ghosts
 from sim_bridge.frames import BOX, frames_of
 from sim_bridge.laws import detection_probability, error_scale, flip_probability, mean_score
@@ -34,15 +35,16 @@ def detect(trace: Trace, detector: str | Path | Profile = "pointrcnn", seed: int
     """The detections of a trace by the profile `detector` (a name, a YAML file, or itself).
 
     The same trace, profile and seed give the same bytes. `source` holds the objects' ids and
-    `CLUTTER` for false boxes. `recorded:NAME` are the recorded detections of a recorded trace, to
-    which the seed does nothing. Raises `ProfileError` for a bad profile.
+    `CLUTTER` for false boxes, and for those of cars in frames in which a trace of labels does not
+    hold them (`sim_bridge.beyond_labels`). `recorded:NAME` are the recorded detections of a
+    recorded trace, to which the seed does nothing. Raises `ProfileError` for a bad profile.
     """
     if isinstance(detector, str) and is_recorded(detector):
         return recorded_detections(trace, detector)
     profile = detector if isinstance(detector, Profile) else load_profile(detector)
     seed = operator.index(seed)
     key = (trace.provenance.get("identity", ""), trace.provenance.get("seed", ""), seed)
-    scene = _Scene.of(trace, profile)
+    scene = _Scene.of(trace, profile, key)
     parts = [_detect_objects(scene, *batch, profile, key) for batch in _batches(scene, profile)]
     parts.append(flashes(trace.ego, profile, stream("clutter", *key)))
     parts.append(ghosts(trace.ego, profile, stream("ghosts", *key)))
@@ -62,8 +64,9 @@ def detect(trace: Trace, detector: str | Path | Profile = "pointrcnn", seed: int
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """A trace, and what its rows (rows,) are to the sensor: distance [m], LiDAR returns, and how
-    far the middle of what is visible is from the box's, to the left [m].
+    """A trace, and what its rows (rows,) are to the sensor: distance [m], LiDAR returns, how far
+    the middle of what is visible is from the box's, to the left [m], and the source that the
+    detections of each are said to have.
 
     What hides an object is known by its visible fraction alone, so that rows which were taken out
     of a trace still hide what they hid; only the side on which they hid it is then lost.
@@ -73,12 +76,19 @@ class _Scene:
     distance: FloatArray
     points: FloatArray
     side: FloatArray
+    source: IntArray
 
     @staticmethod
-    def of(trace: Trace, profile: Profile) -> "_Scene":
+    def of(trace: Trace, profile: Profile, key: tuple[object, ...]) -> "_Scene":
+        source = trace.object_id
+        if has_labels(trace):
+            trace, labelled = with_unlabelled(trace, key)
+            source = np.where(labelled, trace.object_id, CLUTTER)
         distance, seen = trace.sensor_distance(), frames_of(trace)
         side = visible_sides(*seen) if profile.side_share else np.zeros(len(trace))
-        return _Scene(trace, distance, lone_point_counts(*seen) * trace.visible, side * distance)
+        return _Scene(
+            trace, distance, lone_point_counts(*seen) * trace.visible, side * distance, source
+        )
 
 
 def _batches(scene: _Scene, profile: Profile) -> Iterator[tuple[IntArray, IntArray]]:
@@ -147,7 +157,7 @@ def _detect_objects(
         "yaw": np.arctan2(np.sin(yaw), np.cos(yaw)),
         **{name: np.maximum(true[name] + off[name], SMALLEST) for name in _SIZE},
         "score": lowest + np.abs(raw + profile.score.noise * noise["score"] - lowest),
-        "source": trace.object_id[rows],
+        "source": scene.source[rows],
     }
     chance = detection_probability(profile.detection, distance, visible, scene.points[rows])
     seen = (distance <= profile.max_range) & (ndtr(noise["luck"]) < chance)

@@ -47,6 +47,21 @@ def disjoint(
 
 
 @njit(cache=True)
+def meets_any(
+    frame: IntArray, boxes: FloatArray, others_frame: IntArray, others: FloatArray
+) -> BoolArray:
+    """Which boxes (n, 5), each in its frame (n,), overlap one of the others (m, 5) of that frame;
+    boxes as for `first_overlap`."""
+    meets = np.zeros(len(boxes), dtype=np.bool_)
+    for a in range(len(boxes)):
+        for b in range(len(others)):
+            if frame[a] == others_frame[b] and _overlap(boxes[a], others[b]):
+                meets[a] = True
+                break
+    return meets
+
+
+@njit(cache=True)
 def _near(boxes: FloatArray, reach: FloatArray, a: int, b: int) -> bool:
     dx, dy = boxes[b, 0] - boxes[a, 0], boxes[b, 1] - boxes[a, 1]
     return bool(dx * dx + dy * dy < (reach[a] + reach[b]) ** 2)

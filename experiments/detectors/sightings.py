@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from mdkf.tables import CLUTTER, BoolArray, Detections, FloatArray, IntArray, Trace
+from sim_bridge.beyond_labels import has_labels, of_unlabelled
 from sim_bridge.frames import BOX, frames_of
 from sim_bridge.kitti import VIEW
 from sim_bridge.line_of_sight import visible_sides
@@ -26,8 +27,9 @@ class Sightings:
     cars: one row per labelled car and frame: sequence, frame, object_id, distance [m], visible,
     points, side [m] (how far to the left the middle of what is visible is), occlusion (KITTI's
     level), hit, and, NaN where there is no hit, `ERRORS`, flip, score.
-    clutter: one row per false box in view: sequence, frame, x, y [m], distance [m], length, width,
-    height [m], score. frames: how many each sequence has; dt: time between them [s].
+    clutter: one row per false box in view that is of no labelled car just before or after its
+    labels: sequence, frame, x, y [m], distance [m], length, width, height [m], score. frames: how
+    many each sequence has; dt: time between them [s].
     """
 
     cars: pl.DataFrame
@@ -133,6 +135,8 @@ def _false_boxes(name: str, trace: Trace, detections: Detections) -> pl.DataFram
     dx, dy = detections.x - trace.ego.x[frame], detections.y - trace.ego.y[frame]
     bearing = np.angle(np.exp(1j * (np.arctan2(dy, dx) - trace.ego.yaw[frame])))
     rows = (detections.source == CLUTTER) & (np.abs(bearing) < VIEW / 2)
+    if has_labels(trace):
+        rows &= ~of_unlabelled(trace, detections)
     names = ("frame", "x", "y", "length", "width", "height", "score")
     columns = {name: getattr(detections, name)[rows] for name in names}
     return pl.DataFrame(

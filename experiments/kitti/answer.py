@@ -11,11 +11,13 @@ from rich.markup import escape
 from experiments.kitti.compare import LABELLED, OFFICIAL, compared
 from experiments.kitti.gaps import gap_rows
 from experiments.kitti.published import Published
+from experiments.kitti.ranks import against_first, most_influential
 from experiments.kitti.recordings import DetectorFolder
 from experiments.kitti.run import Plan, Results
 from experiments.kitti.tables import (
     WIDTH,
     comparison_table,
+    differences_table,
     gap_table,
     scores_table,
     scores_title,
@@ -60,12 +62,15 @@ class Answer:
         return [{**which, **row} for row in gap_rows(self.recorded.errors)]
 
     def comparison(self, rules: str) -> list[dict[str, Any]]:
-        """`compared` rows under some rules."""
+        """`compared` rows under some rules, with their `against_first` and `most_influential`."""
         made = [row for results in self.simulated for row in results.rows]
-        return compared(
+        rows = compared(
             [row for row in self.recorded.rows if row["rules"] == rules],
             [row for row in made if row["rules"] == rules],
         )
+        against = against_first(self.recorded, self.simulated, rules)
+        influence = most_influential(self.recorded, self.simulated, rules)
+        return [{**a, **b, **c} for a, b, c in zip(rows, against, influence, strict=True)]
 
     def shown(self, width: int) -> Iterator[RenderableType]:
         """Tables, those of the scores first, for a terminal of so many characters."""
@@ -89,6 +94,9 @@ class Answer:
             yield comparison_table(title, rows, OFFICIAL, ("idsw", "fp", "fn"), width)
             title += "; without what is tracked of labelled cars before or after their labels"
             yield comparison_table(title, rows, LABELLED, ("labelled_fp",), width)
+            if len(rows) > 1:
+                title = f"{self.detector.name}, rules {rules.name}: do the filters differ alike?"
+                yield differences_table(title, rows, OFFICIAL, width)
 
 
 def results_frame(answers: Sequence[Answer]) -> pl.DataFrame:

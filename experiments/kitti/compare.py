@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import kendalltau
 
 from experiments.statistics import mean_interval
 
@@ -50,20 +49,16 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
 
 
 def verdict(rows: Rows, scores: Sequence[str] = OFFICIAL) -> str:
-    """How far apart recorded and simulated scores are, and how alike the filters rank, in a line.
-
-    Kendall's tau: 1 where every pair of filters ranks alike, -1 where none does; there is none
-    where all filters score alike.
-    """
+    """How far apart recorded and simulated scores are, in a line, and of the first filter's what
+    the sequence has part in it that changes it most."""
     told = []
     for name in scores:
         apart = [row[f"{name}_difference"] for row in rows]
         within = sum(value is not None and abs(value) <= POINTS for value in apart)
         line = f"{heading(name)} within {POINTS:g} points for {within} of {len(rows)} filters"
-        if len(rows) > 1 and None not in apart:
-            sides = ([row[f"{name}_{side}"] for row in rows] for side in ("recorded", "simulated"))
-            tau = kendalltau(*sides).statistic
-            line += ", no ranks" if np.isnan(tau) else f", ranks alike with tau {tau:+.2f}"
+        if (sequence := rows[0][f"{name}_influential"]) is not None:
+            line += f" ({rows[0]['filter']} {rows[0][f'{name}_difference']:+.2f}, without sequence"
+            line += f" {sequence} {rows[0][f'{name}_difference_without']:+.2f})"
         told.append(line)
     return "; ".join(told)
 

@@ -17,7 +17,17 @@ from experiments.kitti.official import official_sequence
 from experiments.kitti.recordings import DetectorFolder, Recording
 from experiments.kitti.rules import Rules
 from experiments.kitti.unlabelled import without_label
-from experiments.metrics import clear, combine_clear, combine_hota, combine_identity, hota, identity
+from experiments.metrics import (
+    ClearScores,
+    HotaScores,
+    IdentityScores,
+    clear,
+    combine_clear,
+    combine_hota,
+    combine_identity,
+    hota,
+    identity,
+)
 from experiments.metrics.matching import Sequence as Matched
 from experiments.occlusion import OcclusionProtocol, recorded_gaps
 from experiments.phases import gap_errors
@@ -53,13 +63,53 @@ class Plan:
         return out / "tracks" / name / "data"
 
 
+Row = dict[str, Any]
+"""Values by name; None is "no value"."""
+
+
 @dataclass(frozen=True)
 class Results:
-    """rows: one for each filter and rules. errors: `gap_errors` with columns filter, sequence and
+    """rows: one for each filter and rules. left_out: of each (rules, filter) `scores` without each
+    of the sequences, by name. errors: `gap_errors` with columns filter, sequence and
     drift of every filter, under the first rules' settings but whatever they let be written."""
 
-    rows: list[dict[str, Any]]
+    rows: list[Row]
+    left_out: Mapping[tuple[str, str], Mapping[str, Row]]
     errors: pl.DataFrame
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A sequence's scores of one kind."""
+
+    hota: HotaScores
+    clear: ClearScores
+    identity: IdentityScores
+
+    @staticmethod
+    def of(sequence: Matched) -> "_Part":
+        return _Part(hota(sequence), clear(sequence), identity(sequence))
+
+
+@dataclass(frozen=True)
+class SequenceScores:
+    """A sequence scored by overlap in the picture, by distance on the ground, and by overlap
+    without the rows of labelled cars in frames in which they have no label."""
+
+    image: _Part
+    ground: _Part
+    labelled: _Part
+
+    @staticmethod
+    def of(recording: Recording, tracks: Tracks, boxes: PictureBoxes) -> "SequenceScores":
+        """Of tracks and of their boxes in the picture."""
+        rows = recording.labels, boxes, tracks.track_id[boxes.row]
+        spared = without_label(recording.trace, tracks)[boxes.row]
+        return SequenceScores(
+            _Part.of(official_sequence(*rows)),
+            _Part.of(official_sequence(*rows, "ground")),
+            _Part.of(official_sequence(*rows, spared=spared)),
+        )
 
 
 def run(
@@ -75,7 +125,8 @@ def run(
     out: folder for the tracks, `tracks/FILTER/data/SSSS.txt`; None: they are not written.
     """
     occluded = [plan.occlusion.apply(found) for found in detections]
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
+    left_out = {}
     errors = []
     for name in plan.filters:
         by_settings: dict[TrackerSettings, tuple[list[Tracks], float]] = {}
@@ -90,8 +141,16 @@ def run(
             ]
             if out is not None:
                 _write(plan.folder(out, name, rules), recordings, written)
+            parts = [
+                SequenceScores.of(recording, *each)
+                for recording, each in zip(recordings, written, strict=True)
+            ]
+            left_out[rules.name, name] = {
+                recording.sequence: scores(parts[:k] + parts[k + 1 :])
+                for k, recording in enumerate(recordings)
+            }
             which = {"detector": detector.name, "rules": rules.name, "filter": name}
-            row = {**which, "occlusion": str(plan.occlusion), **scores(recordings, written)}
+            row = {**which, "occlusion": str(plan.occlusion), **scores(parts)}
             rows.append({**row, "ms_per_frame": milliseconds})
         if plan.occlusion.kind != "none":
             settings = plan.settings(detector, plan.rules[0])
@@ -99,27 +158,20 @@ def run(
                 _errors(plan, name, settings, recordings, occluded, by_settings[settings][0])
             )
         progress(f"{detector.name} {name}")
-    return Results(rows, pl.concat(errors) if errors else pl.DataFrame())
+    return Results(rows, left_out, pl.concat(errors) if errors else pl.DataFrame())
 
 
-def scores(
-    recordings: Sequence[Recording], written: Sequence[tuple[Tracks, PictureBoxes]]
-) -> dict[str, float | None]:
-    """Scores of all sequences together by name; None is "no value".
+def scores(sequences: Sequence[SequenceScores]) -> Row:
+    """Scores of all sequences together by name.
 
     hota, deta, assa, mota, motp, idf1 in percent and idsw, fp, fn as KITTI has them, by overlap in
     the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on the ground;
     labelled_hota, labelled_mota, labelled_fp without the rows of labelled cars in frames in which
     they have no label (`experiments.kitti.unlabelled`).
     """
-    image, ground, labelled = [], [], []
-    for recording, (tracks, boxes) in zip(recordings, written, strict=True):
-        rows = recording.labels, boxes, tracks.track_id[boxes.row]
-        spared = without_label(recording.trace, tracks)[boxes.row]
-        image.append(official_sequence(*rows))
-        ground.append(official_sequence(*rows, "ground"))
-        labelled.append(official_sequence(*rows, spared=spared))
-    official, on_ground, of_labelled = (_overall(part) for part in (image, ground, labelled))
+    official = _overall([each.image for each in sequences])
+    on_ground = _overall([each.ground for each in sequences])
+    of_labelled = _overall([each.labelled for each in sequences])
     return {
         **official,
         **{f"ground_{name}": on_ground[name] for name in ("hota", "mota", "idsw")},
@@ -127,17 +179,17 @@ def scores(
     }
 
 
-def _overall(sequences: Sequence[Matched]) -> dict[str, float | None]:
+def _overall(parts: Sequence[_Part]) -> dict[str, float | None]:
     """HOTA, CLEAR and Identity of all sequences together, by name."""
-    overall = combine_hota([hota(sequence) for sequence in sequences])
-    counts = combine_clear([clear(sequence) for sequence in sequences])
+    overall = combine_hota([part.hota for part in parts])
+    counts = combine_clear([part.clear for part in parts])
     percent = {
         "hota": overall.hota_mean,
         "deta": overall.deta_mean,
         "assa": overall.assa_mean,
         "mota": counts.mota,
         "motp": counts.motp,
-        "idf1": combine_identity([identity(sequence) for sequence in sequences]).idf1,
+        "idf1": combine_identity([part.identity for part in parts]).idf1,
     }
     return {
         **{name: None if isnan(value) else 100 * value for name, value in percent.items()},

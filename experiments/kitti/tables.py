@@ -187,6 +187,40 @@ def comparison_table(
     return table
 
 
+def differences_table(
+    title: str,
+    rows: Sequence[Mapping[str, Any]],
+    scores: Sequence[str],
+    width: int = FULL_WIDTH,
+) -> Table:
+    """Each filter's scores less the first one's, recorded and simulated, and whether they agree; in
+    less than `FULL_WIDTH` characters without intervals."""
+    first, wide = rows[0]["filter"], width >= FULL_WIDTH
+    end, interval = (" ", ", with 95 % intervals") if wide else ("\n", "; 95 % intervals are")
+    table = Table(
+        title=title,
+        title_justify="left",
+        caption=f"Scores less {first}'s on the same detections{interval} by jackknife over"
+        " sequences. agree: both differ from 0, and alike; contradict: oppositely; not"
+        " separable: other sequences might turn one of them round.",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("filter", no_wrap=True)
+    for name in scores:
+        for side in (f"{heading(name)}{end}rec.", "sim.", ""):
+            table.add_column(side, justify="right", no_wrap=True)
+    for row in rows[1:]:
+        cells = [escape(row["filter"])]
+        for column in scores:
+            for side in ("recorded", "simulated"):
+                cells.append(_with_interval(row, f"{column}_{side}_against", "+", wide))
+            cells.append(row[f"{column}_verdict"])
+        table.add_row(*cells)
+    return table
+
+
 def _add_published(
     table: Table, columns: Iterable[tuple[str, str, int, bool]], entries: Iterable[Published]
 ) -> None:

@@ -1,8 +1,8 @@
 """Which rows of tracks are of labelled cars in frames in which they have no label any more or yet.
 
 A detector sees cars that people have not labelled yet, or no longer. By KITTI's rules such a row is
-a false track, though the car is there. A simulated detector sees the labels alone, so that there is
-no such row in its tracks: this is what recorded and simulated scores cannot have in common.
+a false track, though the car is there. A simulated detector is given such cars as well, but only as
+far as labels tell of them (`sim_bridge.beyond_labels`): scores without these rows tell the rest.
 """
 
 import numpy as np
