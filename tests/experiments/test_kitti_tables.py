@@ -78,6 +78,7 @@ def test_comparisons_are_told_in_full(width: int) -> None:
         values |= {f"{name}_{side}_rank": 16 for side in ("recorded", "simulated")}
         values |= {f"{name}_difference": -10.25, f"{name}_difference_low": -20.5}
         values |= {f"{name}_difference_high": 0.0}
+        values |= {f"{name}_influential": "0019", f"{name}_difference_without": -1.5}
     counts = ("idsw", "fp", "fn")
     values |= {f"{name}_{side}": 123 for name in counts for side in ("recorded", "simulated")}
     rows = [{"filter": name, **values} for name in ("ca", "md-innovation")]
@@ -88,6 +89,8 @@ def test_comparisons_are_told_in_full(width: int) -> None:
     told = told * 2 + ["123", "123.0"] * (3 * (width == FULL_WIDTH))
     assert words_of(lines, "md-innovation") == told
     assert "…" not in "".join(lines)
+    verdict = " ".join(" ".join(lines).split())
+    assert "HOTA within 2 points for 0 of 2 filters (ca -10.25, without sequence 0019" in verdict
 
 
 def test_what_was_published_of_others_is_told_in_full() -> None:
