@@ -1,5 +1,6 @@
 """Running `mdkf` in the tests, and the files it is given."""
 
+import json
 import os
 import re
 import shutil
@@ -7,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import scenarios
 
@@ -38,6 +39,13 @@ def in_a_process(*arguments: str, folder: Path | None = None) -> Answer:
         check=False,
     )
     return Answer(done.returncode, done.stdout, done.stderr)
+
+
+def answered(answer: Answer) -> dict[str, Any]:
+    """The document that a command with `--json` printed."""
+    assert answer.status == 0, answer.err
+    document: dict[str, Any] = json.loads(answer.out)
+    return document
 
 
 def shortened(folder: Path, **changed: Callable[[str], str]) -> Path:
