@@ -1,5 +1,6 @@
 """Claim: compiled or interpreted, whole or frame by frame, a tracker gives the same bits."""
 
+import gc
 import json
 import os
 import subprocess
@@ -211,20 +212,21 @@ def test_after_a_step_that_failed_half_way_there_is_no_next(
 
 @pytest.mark.parametrize("own", [False, True])
 def test_steps_take_constant_memory(own: bool) -> None:
-    """What a tracker holds after 2000 frames, in which hundreds of tracks came and went, is what
-    it held after 500."""
+    """What a tracker holds after 4000 frames, in which hundreds of tracks came and went, is what
+    it held after 2000: less than 10 bytes a frame more, where a row of a report alone has 160."""
     seen = traffic(4, 500, 40)
     estimator = Own(mdkf.MotionDynamics()) if own else mdkf.MotionDynamics()
     tracker = Tracker(estimator, "pvrcnn", confirmation="online")
     frames = [frame_of(seen, k) for k in range(seen.n_frames)]
     held = []
     tracemalloc.start()
-    for _ in range(4):
+    for _ in range(8):
         for now in frames:
             tracker.step(now)
+        gc.collect()
         held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert held[3] - held[0] < 20_000, held
+    assert held[7] - held[3] < 20_000, held
 
 
 def test_the_same_source_without_the_jit_gives_the_same_bits() -> None:
