@@ -12,7 +12,9 @@ As TrackEval 1.3.0 (`Kitti2DBox.get_preprocessed_seq_data`) has them, frame by f
 Which rows count depends on the picture alone. What is left can then be compared by distance, too.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -69,60 +71,72 @@ class Labels:
         return Labels(n_frames, boxes, car & whole, *read_unlabelled(path, n_frames))
 
 
-def official_sequence(
-    labels: Labels,
-    tracks: PictureBoxes,
-    track_id: IntArray,
-    likeness: Likeness = "image",
-    spared: BoolArray | None = None,
-) -> Sequence:
-    """What the metrics see of one sequence under KITTI's rules.
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A sequence's tracks as the rules judge them, of which `sequence` makes what is scored.
 
     tracks: rows by frame, as they stand in the file that the official scorer reads; track_id
-    (rows,). spared (rows,): rows that are ignored where they belong to nothing, which KITTI does
-    not know. likeness: of the rows that count, `image` is the intersection over union in the
-    picture, `ground` max(0, 1 - d / 2 m) of the distance of the boxes' middles in the camera's
-    x-z plane, both in rows' order.
+    (rows,). overlap: of each frame (labels, tracks). counts (rows,): which rows are not ignored;
+    belongs (rows,): which belong to a label.
     """
-    frames = range(labels.n_frames + 1)
-    truth_start = np.searchsorted(labels.boxes.frame, frames)
-    track_start = np.searchsorted(tracks.frame, frames)
-    area_start = np.searchsorted(labels.area_frame, frames)
-    spare = np.zeros(len(tracks.frame), dtype=np.bool_) if spared is None else spared
-    truth_ids, track_ids, similarities = [], [], []
-    for k in range(labels.n_frames):
-        truth = slice(truth_start[k], truth_start[k + 1])
-        mine = slice(track_start[k], track_start[k + 1])
-        area = labels.area[area_start[k] : area_start[k + 1]]
-        overlap = image_iou(labels.boxes.image[truth], tracks.image[mine])
-        counted = labels.counted[truth]
-        ignored = _ignored(overlap, counted, tracks.image[mine], area, spare[mine])
-        if likeness == "ground":
-            # x and z: the camera's y axis points down.
-            overlap = centre_similarity(labels.boxes.bottom[truth, ::2], tracks.bottom[mine, ::2])
-        truth_ids.append(labels.boxes.last[truth][counted].astype(np.int64))
-        track_ids.append(track_id[mine][~ignored])
-        similarities.append(overlap[counted][:, ~ignored])
-    return sequence_from_matrices(truth_ids, track_ids, similarities)
+
+    labels: Labels
+    tracks: PictureBoxes
+    track_id: IntArray
+    overlap: list[FloatArray]
+    counts: BoolArray
+    belongs: BoolArray
+
+    @staticmethod
+    def of(labels: Labels, tracks: PictureBoxes, track_id: IntArray) -> "Judged":
+        """Apply the rules."""
+        counts = tracks.image[:, 3] - tracks.image[:, 1] > MIN_HEIGHT + _EPSILON
+        belongs = np.zeros(len(track_id), dtype=np.bool_)
+        areas = _slices(labels.area_frame, labels.n_frames)
+        overlap = []
+        for (truth, mine), areas_here in zip(_frames(labels, tracks), areas, strict=True):
+            found = image_iou(labels.boxes.image[truth], tracks.image[mine])
+            covered = image_coverage(tracks.image[mine], labels.area[areas_here])
+            counts[mine] &= ~(covered > MAX_COVERED + _EPSILON).any(axis=1)
+            enough = np.where(found < MATCHED - _EPSILON, 0.0, found)
+            label, track = linear_sum_assignment(enough, maximize=True)
+            matched = enough[label, track] > _EPSILON
+            label, track = label[matched], mine.start + track[matched]
+            counts[track] = labels.counted[truth][label]
+            belongs[track] = True
+            overlap.append(found)
+        return Judged(labels, tracks, track_id, overlap, counts, belongs)
+
+    def sequence(self, likeness: Likeness = "image", spared: BoolArray | None = None) -> Sequence:
+        """What the metrics see.
+
+        likeness: of the rows that count, `image` is the intersection over union in the picture,
+        `ground` max(0, 1 - d / 2 m) of the distance of the boxes' middles in the camera's x-z
+        plane, both in rows' order. spared (rows,): rows that are ignored where they belong to
+        nothing, which KITTI does not know.
+        """
+        counts = self.counts if spared is None else self.counts & (self.belongs | ~spared)
+        labels, tracks = self.labels, self.tracks
+        ids = labels.boxes.last.astype(np.int64)
+        truth_ids, track_ids, similarities = [], [], []
+        for (truth, mine), similarity in zip(_frames(labels, tracks), self.overlap, strict=True):
+            if likeness == "ground":
+                # x and z: the camera's y axis points down.
+                middles = labels.boxes.bottom[truth, ::2], tracks.bottom[mine, ::2]
+                similarity = centre_similarity(*middles)
+            truth_ids.append(ids[truth][labels.counted[truth]])
+            track_ids.append(self.track_id[mine][counts[mine]])
+            similarities.append(similarity[labels.counted[truth]][:, counts[mine]])
+        return sequence_from_matrices(truth_ids, track_ids, similarities)
 
 
-def _ignored(
-    overlap: FloatArray,
-    counted: BoolArray,
-    image: FloatArray,
-    area: FloatArray,
-    spare: BoolArray,
-) -> BoolArray:
-    """Which tracks of a frame are neither right nor wrong, (tracks,).
+def _frames(labels: Labels, tracks: PictureBoxes) -> Iterator[tuple[slice, slice]]:
+    """Each frame's labels and tracks."""
+    n_frames = labels.n_frames
+    return zip(_slices(labels.boxes.frame, n_frames), _slices(tracks.frame, n_frames), strict=True)
 
-    overlap (labels, tracks); counted (labels,); image (tracks, 4) and area (areas, 4) [px]; spare
-    (tracks,): whether a track of nothing is ignored anyway.
-    """
-    enough = np.where(overlap < MATCHED - _EPSILON, 0.0, overlap)
-    label, track = linear_sum_assignment(enough, maximize=True)
-    matched = enough[label, track] > _EPSILON
-    label, track = label[matched], track[matched]
-    ignored = spare | (image[:, 3] - image[:, 1] <= MIN_HEIGHT + _EPSILON)
-    ignored |= (image_coverage(image, area) > MAX_COVERED + _EPSILON).any(axis=1)
-    ignored[track] = ~counted[label]
-    return ignored
+
+def _slices(frame: IntArray, n_frames: int) -> list[slice]:
+    """Each frame's rows, by their ascending frames (rows,)."""
+    start = np.searchsorted(frame, np.arange(n_frames + 1)).tolist()
+    return [slice(*pair) for pair in pairwise(start)]

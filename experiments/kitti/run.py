@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 
 from experiments.drift import drift, with_drift
-from experiments.kitti.official import official_sequence
+from experiments.kitti.official import Judged
 from experiments.kitti.recordings import DetectorFolder, Recording
 from experiments.kitti.rules import Rules
 from experiments.kitti.unlabelled import without_label
@@ -103,12 +103,12 @@ class SequenceScores:
     @staticmethod
     def of(recording: Recording, tracks: Tracks, boxes: PictureBoxes) -> "SequenceScores":
         """Of tracks and of their boxes in the picture."""
-        rows = recording.labels, boxes, tracks.track_id[boxes.row]
+        judged = Judged.of(recording.labels, boxes, tracks.track_id[boxes.row])
         spared = without_label(recording.trace, tracks)[boxes.row]
         return SequenceScores(
-            _Part.of(official_sequence(*rows)),
-            _Part.of(official_sequence(*rows, "ground")),
-            _Part.of(official_sequence(*rows, spared=spared)),
+            _Part.of(judged.sequence()),
+            _Part.of(judged.sequence("ground")),
+            _Part.of(judged.sequence(spared=spared)),
         )
 
 

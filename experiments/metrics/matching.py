@@ -206,9 +206,9 @@ def sequence_from_matrices(
     truth_start, truth, n_objects = _dense_indices("truth_id", truth_id)
     track_start, track, n_tracks = _dense_indices("track_id", track_id)
     counts, rows, values = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-    for k, given in enumerate(similarity):
+    shapes = zip(np.diff(truth_start).tolist(), np.diff(track_start).tolist(), strict=True)
+    for k, (given, expected) in enumerate(zip(similarity, shapes, strict=True)):
         matrix = np.asarray(given, dtype=np.float64)
-        expected = int(np.diff(truth_start)[k]), int(np.diff(track_start)[k])
         if matrix.shape != expected:
             raise ValueError(
                 f"similarity of frame {k} has shape {matrix.shape}, expected {expected}"

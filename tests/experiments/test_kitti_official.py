@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from trackeval.datasets import Kitti2DBox
 from trackeval.metrics import CLEAR, HOTA, Identity
 
-from experiments.kitti.official import Labels, official_sequence
+from experiments.kitti.official import Judged, Labels
 from experiments.kitti.unlabelled import without_label
 from experiments.metrics import clear, hota, identity
 from mdkf import Tracks
@@ -67,7 +67,7 @@ def scored(
 ) -> dict[str, Any]:
     """Our scores by TrackEval's names."""
     labels = Labels.read(root, "0003", n_frames)
-    sequence = official_sequence(labels, boxes, tracks.track_id[boxes.row])
+    sequence = Judged.of(labels, boxes, tracks.track_id[boxes.row]).sequence()
     overall, counts, identities = hota(sequence), clear(sequence), identity(sequence)
     return {
         **{name: getattr(overall, name.lower()) for name in ("HOTA", "DetA", "AssA", "LocA")},
@@ -205,11 +205,11 @@ def test_on_the_ground_the_same_rows_count(tmp_path: Path) -> None:
     )
     tracks, boxes = tracked([(0, 0, CAR), (0, 2, van), (0, 9, AWAY)])
     labels = Labels.read(root, "0003", FRAMES)
-    in_picture = official_sequence(labels, boxes, tracks.track_id)
+    in_picture = Judged.of(labels, boxes, tracks.track_id).sequence()
     assert (len(in_picture.truth), len(in_picture.track)) == (2, 2)
     np.testing.assert_allclose(in_picture.frame_similarity(0), np.eye(2))
     boxes.bottom[0, 0] = 1.5
-    on_ground = official_sequence(labels, boxes, tracks.track_id, "ground")
+    on_ground = Judged.of(labels, boxes, tracks.track_id).sequence("ground")
     np.testing.assert_allclose(on_ground.frame_similarity(0), [[0.25, 0.0], [0.75, 0.0]])
 
 
@@ -219,9 +219,9 @@ def test_rows_are_spared_only_where_they_belong_to_nothing(tmp_path: Path) -> No
     tracks, boxes = tracked([(0, 3, BESIDE), (0, 4, AWAY)])
     labels = Labels.read(root, "0003", FRAMES)
     spared = np.ones(2, dtype=np.bool_)
-    counts = clear(official_sequence(labels, boxes, tracks.track_id, spared=spared))
+    counts = clear(Judged.of(labels, boxes, tracks.track_id).sequence(spared=spared))
     assert (counts.tp, counts.fn, counts.fp) == (1, 0, 0)
-    counts = clear(official_sequence(labels, boxes, tracks.track_id))
+    counts = clear(Judged.of(labels, boxes, tracks.track_id).sequence())
     assert (counts.tp, counts.fn, counts.fp) == (1, 0, 1)
 
 
