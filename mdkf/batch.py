@@ -28,6 +28,10 @@ Moments = tuple[float, float, float, float, float, float, float]
 """Position x, y [m], velocity x, y [m/s], the position's covariance xx, xy, yy [m2]."""
 
 
+N_MOMENTS = 7
+"""How many `Moments` there are."""
+
+
 @singledispatch
 def start(batch: Batch, k: int, z: Pair) -> None:
     """Make track k one that was first seen at z [m]."""

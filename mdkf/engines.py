@@ -12,7 +12,7 @@ import numpy as np
 
 from mdkf import batch as track
 from mdkf.association import UNMATCHED, Room
-from mdkf.batch import Batch
+from mdkf.batch import N_MOMENTS, Batch
 from mdkf.compiled import inlined, kernel
 from mdkf.estimator import Estimator, join, take
 from mdkf.life_cycle import Book, Rules, Seen, associate, expire, settle
@@ -36,18 +36,22 @@ class _Engine:
 
     def _make_room(self, seen: Seen, k: int) -> int:
         """Room for all that frame k may bring; returns how many slots were added."""
-        d, slots = int(seen.start[k + 1] - seen.start[k]), len(self._book.place)
-        most = _most_live(self._book, seen, k)
-        more = max(most, 2 * slots) - slots if most > slots else 0
-        if more:
-            self._book = self._book.enlarged(slots + more)
-        detections, pairs = len(self._room.free), len(self._room.cost)
-        if d > detections:
-            detections = max(d, 2 * detections)
-        if self._room.found[0] > pairs:
-            pairs = max(int(self._room.found[0]), 2 * pairs)
-        self._room = Room.of(slots + more, detections, pairs)
-        return more
+        slots = len(self._book.place)
+        room = slots, len(self._room.free), len(self._room.cost)
+        needed = (
+            _most_live(self._book, seen, k),
+            int(seen.start[k + 1] - seen.start[k]),
+            int(self._room.found[0]),
+        )
+        sizes = [
+            has if need <= has else max(need, 2 * has)
+            for has, need in zip(room, needed, strict=True)
+        ]
+        if sizes != [*room]:
+            self._room = Room.of(*sizes)
+        if sizes[0] > slots:
+            self._book = self._book.enlarged(sizes[0])
+        return sizes[0] - slots
 
 
 class Compiled(_Engine):
@@ -157,7 +161,7 @@ def _diagnose(batch: Batch, book: Book, report: Report) -> None:
 @inlined
 def _describe(batch: Batch, book: Book, i: int) -> None:
     moments = track.moments(batch, book.place[i])
-    for column in range(7):
+    for column in range(N_MOMENTS):
         book.moments[i, column] = moments[column]
 
 

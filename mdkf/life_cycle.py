@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdkf.association import UNMATCHED, Measure, Room, find_pairs, greedy, optimal
+from mdkf.batch import N_MOMENTS
 from mdkf.compiled import allocating, inlined
 from mdkf.ordering import sort_by
 from mdkf.settings import TrackerSettings
@@ -59,7 +60,7 @@ class Book(NamedTuple):
             np.zeros((slots, len(BOX))),
             numbers[2],
             np.zeros((slots, 2)),
-            np.zeros((slots, 7)),
+            np.zeros((slots, N_MOMENTS)),
             np.zeros(3, dtype=np.int64),
         )
 
@@ -156,7 +157,7 @@ def expire(book: Book, rules: Rules, room: Room) -> None:
             room.kept[alive] = i
             # The slot of a deleted track goes behind those of the live ones.
             book.place[i], book.place[alive] = book.place[alive], slot
-            for column in range(7):
+            for column in range(N_MOMENTS):
                 moments[alive, column] = moments[i, column]
             alive += 1
     book.totals[0] = alive

@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdkf.batch import N_MOMENTS
 from mdkf.compiled import inlined
 from mdkf.life_cycle import BOX, YAW, Book
 from mdkf.settings import TrackerSettings
 from mdkf.tables import BoolArray, Detections, FloatArray, IntArray, Tracks
 
 VALUES = ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", *BOX)
-"""Columns of a report, of which the first seven are `mdkf.batch.Moments`; the estimator's
+"""Columns of a report, of which the first are `mdkf.batch.Moments`; the estimator's
 diagnostics follow."""
 
 
@@ -47,16 +48,16 @@ def write(book: Book, k: int, measured: bool, report: Report) -> None:
         seen = book.missed[slot] == 0
         report.frame[row], report.track_id[row] = k, book.track_id[slot]
         report.coasted[row], report.confirmed[row] = not seen, book.confirmed[slot]
-        for column in range(7):
+        for column in range(N_MOMENTS):
             report.values[column, row] = book.moments[i, column]
         for column in range(len(BOX)):
-            report.values[7 + column, row] = book.box[slot, column]
+            report.values[N_MOMENTS + column, row] = book.box[slot, column]
         if seen and measured:
             report.values[0, row] = book.measured[slot, 0]
             report.values[1, row] = book.measured[slot, 1]
         elif book.sense[slot] < 0:
             yaw = book.box[slot, YAW]
-            report.values[7 + YAW, row] = yaw - np.pi if yaw > 0.0 else yaw + np.pi
+            report.values[N_MOMENTS + YAW, row] = yaw - np.pi if yaw > 0.0 else yaw + np.pi
     report.filled[0] = first + book.totals[0]
 
 
