@@ -2,8 +2,8 @@
 
 Tracks and truth are matched once, all of them; a bin's score is then that of its own rows: its
 truth, the tracks on that, and those of the tracks on nothing that belong to the bin. A track on
-truth of another bin is ignored, as in Waymo's breakdown. So what bins that share no row
-count adds up to the whole.
+truth of another bin is ignored, as in Waymo's breakdown. So what bins that share no row count adds
+up to the whole.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,6 @@
 """`mdkf score`: every score of a track table, and its breakdowns, from the files alone."""
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -14,6 +13,7 @@ from experiments.bins import GROUPS, check_group
 from experiments.matched import Similarity
 from experiments.options import GapTruth, Json, chosen_gap_truth
 from experiments.score import score as score_tracks
+from experiments.statistics import told
 from mdkf import Trace, Tracks
 
 
@@ -46,9 +46,7 @@ def score(
     estimate = sim_bridge.read_table(tracks, Tracks)
     result = score_tracks(truth, estimate, **rules)
     if as_json:
-        document: dict[str, Any] = {
-            name: None if math.isnan(value) else value for name, value in result.summary().items()
-        }
+        document: dict[str, Any] = {name: told(value) for name, value in result.summary().items()}
         if groups:
             document["breakdown"] = result.by(*groups).to_dicts()
         print(json.dumps(document, allow_nan=False))

@@ -1,4 +1,4 @@
-"""Values of several seeds into a mean and its 95 % interval."""
+"""Values of several seeds, clusters or parts into a mean and its 95 % interval."""
 
 from dataclasses import dataclass
 
@@ -61,6 +61,16 @@ def clustered_interval(sums: ArrayLike, counts: ArrayLike) -> Interval:
     return Interval(mean, float(low), float(high), n)
 
 
+def jackknife(overall: float, without: FloatArray) -> Interval:
+    """A value with its 95 % interval, of its values (n,) without one of n parts each."""
+    n = len(without)
+    if n < 2:
+        return Interval(overall, float("nan"), float("nan"), n)
+    error = np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2))
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
+    return Interval(overall, overall - half, overall + half, n)
+
+
 def mean_intervals(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Means, lows and highs (...) of the values (n, ...) along their first axis, each as
     `mean_interval` has them; many at once, no value missing."""
@@ -70,3 +80,8 @@ def mean_intervals(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArr
         return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
     return mean, mean - half, mean + half
+
+
+def told(value: float) -> float | None:
+    """A value as documents and tables hold it: None for NaN, "no value"."""
+    return None if np.isnan(value) else value

@@ -20,7 +20,7 @@ import numpy as np
 
 from mdkf.tables import CLUTTER, BoolArray, Detections, FloatArray, IntArray, Trace
 from sim_bridge.frames import frames_of
-from sim_bridge.kitti import GATE, VIEW
+from sim_bridge.kitti import GATE, in_view
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.overlap import meets_any
 from sim_bridge.randomness import stream
@@ -97,7 +97,7 @@ def _beyond(trace: Trace, frames: Callable[[int, int], int]) -> dict[str, Any]:
             here = here[(here >= 0) & (here < trace.n_frames)]
             boxes = np.tile(taken[row], (len(here), 1))
             boxes[:, :2] += np.outer((here - trace.frame[row]) * trace.dt, _velocity(trace, near))
-            there = _in_view(trace, here, boxes) & ~meets_any(here, boxes, taken_frame, taken)
+            there = _seen(trace, here, boxes) & ~meets_any(here, boxes, taken_frame, taken)
             there = np.logical_and.accumulate(there)
             ends.append(np.full(int(there.sum()), row))
             frame.append(here[there])
@@ -119,11 +119,9 @@ def _velocity(trace: Trace, rows: IntArray) -> FloatArray:
     return velocity if np.hypot(*velocity) >= STANDING else np.zeros(2)
 
 
-def _in_view(trace: Trace, frame: IntArray, boxes: FloatArray) -> BoolArray:
-    """Whether boxes (n, 5) are in the picture's direction, and farther than their own length: a
-    sensor within a box sees nothing of it."""
-    ego = trace.ego
-    dx, dy = boxes[:, 0] - ego.x[frame], boxes[:, 1] - ego.y[frame]
-    bearing = np.angle(np.exp(1j * (np.arctan2(dy, dx) - ego.yaw[frame])))
-    in_view: BoolArray = (np.abs(bearing) < VIEW / 2) & (np.hypot(dx, dy) > boxes[:, 3])
-    return in_view
+def _seen(trace: Trace, frame: IntArray, boxes: FloatArray) -> BoolArray:
+    """Whether boxes (n, 5) are in view, and farther than their own length: a sensor within a box
+    sees nothing of it."""
+    x, y, length = boxes[:, 0], boxes[:, 1], boxes[:, 3]
+    away = np.hypot(x - trace.ego.x[frame], y - trace.ego.y[frame])
+    return in_view(trace.ego, frame, x, y) & (away > length)

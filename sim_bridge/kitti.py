@@ -146,6 +146,13 @@ def kitti_detections(
     )
 
 
+def in_view(ego: EgoPath, frame: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+    """Which places x, y [m], (n,), are in the picture's direction in their frames (n,)."""
+    bearing = np.arctan2(y - ego.y[frame], x - ego.x[frame]) - ego.yaw[frame]
+    seen: BoolArray = np.abs(np.angle(np.exp(1j * bearing))) < VIEW / 2
+    return seen
+
+
 def _known_detector(root: Path, detector: str) -> Path:
     folder = root / "detections"
     known = sorted(path.name for path in folder.glob("*") if path.is_dir())

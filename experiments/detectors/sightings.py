@@ -12,7 +12,7 @@ import polars as pl
 from mdkf.tables import CLUTTER, BoolArray, Detections, FloatArray, IntArray, Trace
 from sim_bridge.beyond_labels import has_labels, of_unlabelled
 from sim_bridge.frames import BOX, frames_of
-from sim_bridge.kitti import VIEW
+from sim_bridge.kitti import in_view
 from sim_bridge.line_of_sight import visible_sides
 from sim_bridge.point_count import lone_point_counts
 
@@ -133,8 +133,7 @@ def _false_boxes(name: str, trace: Trace, detections: Detections) -> pl.DataFram
     """Clutter in the direction of the picture: simulated clutter is all around."""
     frame = detections.frame
     dx, dy = detections.x - trace.ego.x[frame], detections.y - trace.ego.y[frame]
-    bearing = np.angle(np.exp(1j * (np.arctan2(dy, dx) - trace.ego.yaw[frame])))
-    rows = (detections.source == CLUTTER) & (np.abs(bearing) < VIEW / 2)
+    rows = (detections.source == CLUTTER) & in_view(trace.ego, frame, detections.x, detections.y)
     if has_labels(trace):
         rows &= ~of_unlabelled(trace, detections)
     names = ("frame", "x", "y", "length", "width", "height", "score")

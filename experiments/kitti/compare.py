@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.statistics import mean_interval
+from experiments.statistics import mean_interval, told
 
 POINTS = 2.0
 """Points of HOTA and MOTA within which simulation is to be of reality."""
@@ -34,10 +34,10 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
             values = np.array([other[name] for other in made], dtype=np.float64)  # None is NaN
             apart = mean_interval(values - (np.nan if real[name] is None else real[name]))
             row[f"{name}_recorded"] = real[name]
-            row[f"{name}_simulated"] = _told(mean_interval(values).mean)
-            row[f"{name}_difference"] = _told(apart.mean)
-            row[f"{name}_difference_low"] = _told(apart.low)
-            row[f"{name}_difference_high"] = _told(apart.high)
+            row[f"{name}_simulated"] = told(mean_interval(values).mean)
+            row[f"{name}_difference"] = told(apart.mean)
+            row[f"{name}_difference_low"] = told(apart.low)
+            row[f"{name}_difference_high"] = told(apart.high)
         rows.append(row)
     for name in SCORES:
         for side in ("recorded", "simulated"):
@@ -51,7 +51,7 @@ def compared(recorded: Rows, simulated: Rows) -> list[dict[str, Any]]:
 def verdict(rows: Rows, scores: Sequence[str] = OFFICIAL) -> str:
     """How far apart recorded and simulated scores are, in a line, and of the first filter's what
     the sequence has part in it that changes it most."""
-    told = []
+    parts = []
     for name in scores:
         apart = [row[f"{name}_difference"] for row in rows]
         within = sum(value is not None and abs(value) <= POINTS for value in apart)
@@ -59,14 +59,10 @@ def verdict(rows: Rows, scores: Sequence[str] = OFFICIAL) -> str:
         if (sequence := rows[0][f"{name}_influential"]) is not None:
             line += f" ({rows[0]['filter']} {rows[0][f'{name}_difference']:+.2f}, without sequence"
             line += f" {sequence} {rows[0][f'{name}_difference_without']:+.2f})"
-        told.append(line)
-    return "; ".join(told)
+        parts.append(line)
+    return "; ".join(parts)
 
 
 def heading(name: str) -> str:
     """What people call a score."""
     return name.removeprefix("labelled_").upper()
-
-
-def _told(value: float) -> float | None:
-    return None if np.isnan(value) else value

@@ -1,11 +1,10 @@
 """Errors around the gaps of recorded objects into one row per filter."""
 
-from math import isnan
 from typing import Any
 
 import polars as pl
 
-from experiments.statistics import clustered_interval
+from experiments.statistics import clustered_interval, told
 
 OBJECT = ("sequence", "object_id")
 
@@ -63,7 +62,7 @@ def _over_objects(errors: pl.DataFrame, column: str) -> dict[str, float | None]:
     )
     interval = clustered_interval(totals["total"].to_numpy(), totals["frames"].to_numpy())
     return {
-        name: None if isnan(value) else value
+        name: told(value)
         for name, value in (
             (column, interval.mean),
             (f"{column}_low", interval.low),

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from experiments.kitti.compare import SCORES
 from experiments.kitti.run import Results
-from experiments.statistics import CONFIDENCE, Interval
+from experiments.statistics import Interval, jackknife, told
 from mdkf.tables import FloatArray
 
 AGREE, CONTRADICT, OPEN = "agree", "contradict", "not separable"
@@ -47,21 +46,11 @@ def against_first(
             }
             for side, interval in found.items():
                 key = f"{score}_{side}_against"
-                values = (None,) * 3 if interval is None else _told(interval)
+                values = (None,) * 3 if interval is None else _values_of(interval)
                 row |= dict(zip((key, f"{key}_low", f"{key}_high"), values, strict=True))
             row[f"{score}_verdict"] = _verdict(found["recorded"], found["simulated"])
         rows.append(row)
     return rows
-
-
-def jackknife(overall: float, without: FloatArray) -> Interval:
-    """A value with its 95 % interval, of its values (n,) without one of n parts each."""
-    n = len(without)
-    if n < 2:
-        return Interval(overall, float("nan"), float("nan"), n)
-    error = np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2))
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
-    return Interval(overall, overall - half, overall + half, n)
 
 
 def most_influential(
@@ -113,6 +102,5 @@ def _verdict(recorded: Interval | None, simulated: Interval | None) -> str | Non
     return OPEN if product == 0 else AGREE if product > 0 else CONTRADICT
 
 
-def _told(interval: Interval) -> tuple[float | None, ...]:
-    values = (interval.mean, interval.low, interval.high)
-    return tuple(None if np.isnan(value) else value for value in values)
+def _values_of(interval: Interval) -> tuple[float | None, ...]:
+    return tuple(map(told, (interval.mean, interval.low, interval.high)))

@@ -6,7 +6,6 @@ KITTI scores class car: HOTA, CLEAR and Identity of all sequences together.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from experiments.metrics import (
 from experiments.metrics.matching import Sequence as Matched
 from experiments.occlusion import OcclusionProtocol, recorded_gaps
 from experiments.phases import gap_errors
+from experiments.statistics import told
 from experiments.world import timed_tracks
 from mdkf import DETECTORS, Detections, TrackerSettings, Tracks, estimator
 from sim_bridge.kitti_image import PictureBoxes
@@ -192,7 +192,7 @@ def _overall(parts: Sequence[_Part]) -> dict[str, float | None]:
         "idf1": combine_identity([part.identity for part in parts]).idf1,
     }
     return {
-        **{name: None if isnan(value) else 100 * value for name, value in percent.items()},
+        **{name: told(100 * value) for name, value in percent.items()},
         **{"idsw": counts.idsw, "fp": counts.fp, "fn": counts.fn},
     }
 

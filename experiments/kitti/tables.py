@@ -55,14 +55,10 @@ def scores_table(
     sentences = "; ".join([*(_SOURCES[source] for source in sources), *notes])
     overlap = "by overlap in the picture."
     meaning = f"2 m: similarity 1 - d / 2 m of the distance on the ground; the rest {overlap}"
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=f"{meaning if wide else overlap.capitalize()} ms: the tracker's CPU time per frame."
+    table = _table(
+        title,
+        f"{meaning if wide else overlap.capitalize()} ms: the tracker's CPU time per frame."
         + (f" {sentences}." if sentences else ""),
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
     for _, name, _, _ in columns:
@@ -83,14 +79,9 @@ def published_table(published: Sequence[Published]) -> Table:
     """What was published of detectors of which there are no detections here."""
     names = {column for entry in published for column in entry.values}
     columns = [column for column in COLUMNS if column[0] in names]
-    table = Table(
-        title="published of other detectors on the val split",
-        title_justify="left",
-        caption="; ".join(_SOURCES[name] for name in dict.fromkeys(e.source for e in published))
-        + ".",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+    table = _table(
+        "published of other detectors on the val split",
+        "; ".join(_SOURCES[name] for name in dict.fromkeys(e.source for e in published)) + ".",
     )
     for name in ("detector", "filter"):
         table.add_column(name, no_wrap=True)
@@ -110,17 +101,13 @@ def scores_title(detector: str, rules: Rules, occlusion: str) -> str:
 
 def gap_table(title: str, rows: Sequence[Mapping[str, Any]], wide: bool = True) -> Table:
     """Errors in gaps by filter; wide: with their intervals."""
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=("Means with 95 % intervals by bootstrap over objects." if wide else "Means.")
+    table = _table(
+        title,
+        ("Means with 95 % intervals by bootstrap over objects." if wide else "Means.")
         + " error: of the tracks, while"
         " they live; drift: of the filter alone, in every gap, labels telling which detection is"
         " whose. captured, deleted, lost: percent of the followed tracks that took another"
         " detection in the gap, ended in it, were not with their object afterwards.",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
     )
     first = rows[0]["filter"]
     table.add_column("filter", no_wrap=True)
@@ -157,14 +144,10 @@ def comparison_table(
     end = " " if wide else "\n"
     rank = "in brackets the filter's rank; " if wide else ""
     interval = ", with its 95 % interval over seeds" if wide else ""
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=f"rec.: recorded; sim.: simulated, mean over seeds; {rank}difference:"
+    table = _table(
+        title,
+        f"rec.: recorded; sim.: simulated, mean over seeds; {rank}difference:"
         f" simulated less recorded{interval}. {verdict(rows, scores)}.",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
     for name in scores:
@@ -197,15 +180,11 @@ def differences_table(
     less than `FULL_WIDTH` characters without intervals."""
     first, wide = rows[0]["filter"], width >= FULL_WIDTH
     end, interval = (" ", ", with 95 % intervals") if wide else ("\n", "; 95 % intervals are")
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption=f"Scores less {first}'s on the same detections{interval} by jackknife over"
+    table = _table(
+        title,
+        f"Scores less {first}'s on the same detections{interval} by jackknife over"
         " sequences. agree: both differ from 0, and alike; contradict: oppositely; not"
         " separable: other sequences might turn one of them round.",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
     )
     table.add_column("filter", no_wrap=True)
     for name in scores:
@@ -219,6 +198,18 @@ def differences_table(
             cells.append(row[f"{column}_verdict"])
         table.add_row(*cells)
     return table
+
+
+def _table(title: str, caption: str) -> Table:
+    """A table without columns yet, the words above and below it flush left."""
+    return Table(
+        title=title,
+        title_justify="left",
+        caption=caption,
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
 
 
 def _add_published(

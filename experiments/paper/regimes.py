@@ -15,7 +15,7 @@ import polars as pl
 
 import mdkf
 from experiments.paper.motions import REGIMES, Regime
-from experiments.statistics import mean_intervals
+from experiments.statistics import mean_intervals, told
 from mdkf import DETECTORS, Estimator, MotionDynamics
 from mdkf.tables import FloatArray
 from sim_bridge.randomness import stream
@@ -270,7 +270,7 @@ def _paired(
             row |= dict(zip(_floats("difference"), values, strict=True))
             noted = cell["regime"] in NOTES and all(row[key] == NOTED[key] for key in NOTED)
             row["notes"] = NOTES[cell["regime"]].difference if noted else None
-            row["low"], row["high"] = (None if np.isnan(v) else v for v in values[1:])
+            row["low"], row["high"] = map(told, values[1:])
             rows.append({**row, "sign": agreement(row)})
     return rows
 

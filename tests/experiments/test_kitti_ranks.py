@@ -11,7 +11,6 @@ from experiments.kitti.ranks import (
     CONTRADICT,
     OPEN,
     against_first,
-    jackknife,
     most_influential,
 )
 from experiments.kitti.run import Results, Row
@@ -34,17 +33,6 @@ def results(**by_filter: list[float]) -> Results:
         for name, values in by_filter.items()
     }
     return Results(rows, left_out, pl.DataFrame())
-
-
-def test_the_jackknife_of_a_mean_is_students_interval() -> None:
-    """The interval of a mean of independent values, which has a closed form."""
-    values = np.random.default_rng(4).normal(3.0, 2.0, 11)
-    without = np.array([np.delete(values, k).mean() for k in range(11)])
-    found = jackknife(values.mean(), without)
-    wanted = stats.t.interval(0.95, 10, loc=values.mean(), scale=stats.sem(values))
-    assert (found.low, found.high) == pytest.approx(wanted, rel=1e-12)
-    assert (found.mean, found.n) == (pytest.approx(values.mean()), 11)
-    assert np.isnan(jackknife(1.0, np.array([1.0])).low)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.statistics import clustered_interval, mean_interval
+from experiments.statistics import clustered_interval, jackknife, mean_interval
 
 
 @pytest.mark.parametrize("n", [2, 3, 6, 20, 200])
@@ -93,3 +93,14 @@ def test_the_bootstrap_covers_the_mean_of_unequal_clusters() -> None:
         naive += single.low <= 2.0 <= single.high
     assert 0.89 < held / 300 < 0.98
     assert naive / 300 < 0.6
+
+
+def test_the_jackknife_of_a_mean_is_students_interval() -> None:
+    """The interval of a mean of independent values, which has a closed form."""
+    values = np.random.default_rng(4).normal(3.0, 2.0, 11)
+    without = np.array([np.delete(values, k).mean() for k in range(11)])
+    found = jackknife(values.mean(), without)
+    wanted = stats.t.interval(0.95, 10, loc=values.mean(), scale=stats.sem(values))
+    assert (found.low, found.high) == pytest.approx(wanted, rel=1e-12)
+    assert (found.mean, found.n) == (pytest.approx(values.mean()), 11)
+    assert np.isnan(jackknife(1.0, np.array([1.0])).low)
