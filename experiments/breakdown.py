@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from experiments.assignment import UNASSIGNED
 from experiments.bins import EVERYTHING, Bin, bins, everything
 from experiments.matched import Matched, sequence_of
 from experiments.metrics import hota
 from experiments.metrics.matching import ratio
+from experiments.pairing import UNASSIGNED
 from experiments.states import Value
 from mdkf.tables import BoolArray
 

@@ -11,9 +11,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from experiments.assignment import UNASSIGNED
 from experiments.metrics import COLUMNS, ClearMatches, Sequence, clear_matches, sequence_from_rows
 from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
+from experiments.pairing import UNASSIGNED
 from experiments.population import GapTruth, Population, population
 from experiments.states import GospaScores, StateErrors, gospa, state_errors
 from mdkf.tables import BoolArray, TableError, Trace, Tracks

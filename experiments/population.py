@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from experiments.assignment import UNASSIGNED, assigned
 from experiments.occlusion import Gaps
+from experiments.pairing import UNASSIGNED, assigned
 from mdkf.tables import BoolArray, IntArray, Trace, Tracks
 
 GapTruth = Literal["keep", "ignore"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.assignment import UNASSIGNED, assigned
+from experiments.pairing import UNASSIGNED, assigned
 from experiments.population import MATCH_DISTANCE
 from experiments.states.value import NO_VALUE, Value
 from mdkf.tables import BoolArray, FloatArray, IntArray

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiments.assignment import UNASSIGNED, assigned
+from experiments.pairing import UNASSIGNED, assigned
 from experiments.states import gospa
 
 Places = NDArray[np.float64]
