@@ -26,6 +26,7 @@ from experiments import run as runs
 from experiments import terminal
 from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
+from experiments.engine import RunFailed
 from experiments.kitti.command import export, kitti
 from experiments.options import (
     GapTruth,
@@ -97,7 +98,7 @@ def main() -> NoReturn:
         _fail(error.format_message(), 2)
     except BAD_INPUT as error:
         _fail(str(error), 2)
-    except runs.RunFailed as error:
+    except RunFailed as error:
         _fail(str(error), 1)
     except OSError as error:
         _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
@@ -189,7 +190,7 @@ def run(
     if results.interrupted:
         raise KeyboardInterrupt
     if results.failure is not None:
-        raise runs.RunFailed(results.failure)
+        raise RunFailed(results.failure)
 
 
 @app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")

@@ -7,18 +7,10 @@ each world, filter, bin and score: `experiments.breakdown`), `worlds/SCENARIO-SE
 behind the pictures).
 """
 
-import multiprocessing
-import os
 import shutil
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +18,8 @@ import numpy as np
 import polars as pl
 
 import mdkf
+from experiments import engine
+from experiments.engine import RunFailed
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from experiments.statistics import mean_interval
@@ -54,10 +48,6 @@ SUBJECT = "md"
 
 KEPT = "worlds"
 """Folder of the kept tables, in the output folder; emptied when a run begins."""
-
-
-class RunFailed(RuntimeError):
-    """The work failed, not the input; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -135,10 +125,12 @@ def run(
         check_detector(plan.detector, scenario)
     shutil.rmtree(out / KEPT, ignore_errors=True)
     worlds = plan.worlds(out)
+    # The first run on a machine compiles the kernels: each of two workers a half.
+    warm_up = (compile_sensing, partial(compile_tracking, plan.filters))
     outcomes: list[Outcome] = []
     interrupted, failure = False, None  # what ended the run early
     try:
-        for outcome in _outcomes(worlds, workers or _cores()):
+        for outcome in engine.outcomes(run_world, worlds, workers, warm_up):
             outcomes.append(outcome)
             progress(len(outcomes))
     except KeyboardInterrupt:
@@ -192,53 +184,6 @@ def _gather(
         interrupted,
         failure,
     )
-
-
-def _outcomes(worlds: Sequence[World], workers: int) -> Iterator[Outcome]:
-    """Outcomes as they come; on Ctrl-C those of the worlds under way, then the interrupt."""
-    if workers == 1:
-        yield from map(run_world, worlds)
-        return
-    waiting = iter(worlds)
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
-    running: set[Future[Outcome]] = set()
-    try:
-        with _interrupts_ignored():
-            # The first run on a machine compiles the kernels: each of two workers a half.
-            for compile_half in (compile_sensing, partial(compile_tracking, worlds[0].filters)):
-                pool.submit(compile_half)
-            running.update(pool.submit(run_world, world) for world in islice(waiting, workers))
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            running.update(pool.submit(run_world, world) for world in islice(waiting, len(done)))
-            yield from (future.result() for future in done)
-    except BrokenProcessPool:
-        raise RunFailed("a worker process died (killed, or out of memory)") from None
-    except KeyboardInterrupt:
-        yield from (future.result() for future in running if future.exception() is None)
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ctrl-C reaches the whole process group; workers started in here leave it to the parent."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-
-
-def _cores() -> int:
-    """Cores that this process may use; where the system does not tell, all."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _summarise(per_world: pl.DataFrame, plan: Plan) -> pl.DataFrame:

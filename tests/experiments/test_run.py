@@ -19,8 +19,9 @@ import mdkf
 import scenarios
 import sim_bridge
 from experiments import OcclusionProtocol, score
+from experiments.engine import RunFailed
 from experiments.report import write_report
-from experiments.run import Plan, Results, RunFailed, run
+from experiments.run import Plan, Results, run
 from experiments.world import Outcome
 from mdkf.tables import Detections, Trace, Tracks
 from sim_bridge import SeedRefused, SimulationError, read_table
@@ -197,12 +198,12 @@ def test_a_failed_worker_loses_nothing_finished(
     """The worlds before it are written and reported, and the line says how many."""
     first = [row for row in finished.worlds.to_dicts() if row["seed"] == 0]
 
-    def dying(worlds: object, workers: int) -> Iterator[Outcome]:
+    def dying(*given: object) -> Iterator[Outcome]:
         tables = (finished.errors.filter(seed=0), finished.breakdown.filter(seed=0))
         yield Outcome("bus_stop", 0, first, *tables)
         raise RunFailed("a worker process died")
 
-    monkeypatch.setattr("experiments.run._outcomes", dying)
+    monkeypatch.setattr("experiments.engine.outcomes", dying)
     results = run(PLAN, tmp_path, 2)
     assert results.failure == f"a worker process died; 1 of 2 worlds are in {tmp_path}"
     assert set(pl.read_parquet(tmp_path / "worlds.parquet")["seed"]) == {0}
