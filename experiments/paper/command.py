@@ -2,6 +2,8 @@
 
 import difflib
 import json
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +17,7 @@ from rich.table import Table
 from experiments.options import Json
 from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
+from experiments.paper.report import write_report
 from experiments.paper.run import run
 from experiments.paper.scale import QUICK, SCALES, Scale
 from experiments.paper.tables import tables
@@ -64,14 +67,18 @@ def paper(
             workers,
             lambda done, of: bar.update(task, completed=done, total=of),
         )
+    line = shlex.join(["mdkf", *sys.argv[1:]])
+    page = write_report(chosen, results.answers, results.cells, size, out, line)
     if as_json:
-        print(json.dumps({"rows": results.cells.to_dicts()}, allow_nan=False))
+        document = {"rows": results.cells.to_dicts(), "report": str(page)}
+        print(json.dumps(document, allow_nan=False))
         return
     shown = Console() if Console().is_terminal else Console(width=WIDTH)
     for item in chosen:
         shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
         for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
+    print(f"report: {page}")
 
 
 def _chosen(names: list[str] | None) -> list[Item]:

@@ -16,7 +16,8 @@ class Scale:
 
     def with_seeds(self, seeds: int) -> "Scale":
         """As many seeds everywhere; rounds stay."""
-        return replace(self, name=f"{seeds} seeds", worlds=seeds, scenes=seeds, monte_carlo=seeds)
+        name = f"{seeds} seed{'s' * (seeds != 1)}"
+        return replace(self, name=name, worlds=seeds, scenes=seeds, monte_carlo=seeds)
 
 
 QUICK = Scale("quick", worlds=2, scenes=12, monte_carlo=60, rounds=7)

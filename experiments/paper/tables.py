@@ -10,29 +10,56 @@ from rich.table import Table
 
 from experiments.paper.item import Answer, Item
 
+_NOUNS = {
+    "synthetic": "seeds",
+    "closed form": "seeds",
+    "recorded": "sequences",
+    "machine": "rounds",
+}
+
 
 def tables(item: Item, answer: Answer) -> Iterator[Table]:
     """The answer's tables, in the order of its cells."""
     for (name,), cells in answer.cells.group_by("table", maintain_order=True):
+        caption = " ".join(filter(None, (answer.captions.get(str(name)), sample(cells))))
         table = Table(
             title=escape(str(name)),
             title_justify="left",
-            caption=escape(answer.captions.get(str(name), "")) or None,
+            caption=escape(caption),
             caption_justify="left",
             box=SIMPLE_HEAD,
             padding=(0, 1, 0, 0),
         )
-        columns = cells.unique("column", maintain_order=True)
+        columns = headings(cells)
         table.add_column("")
-        for heading, unit in columns.select("column", "unit").iter_rows():
-            told_unit = f" [{unit}]" if unit else ""
-            table.add_column(escape(f"{heading}{told_unit}"), justify="right")
+        for heading in columns.values():
+            table.add_column(escape(heading), justify="right")
         leaders = best(cells)
         for (line,), own in cells.group_by("line", maintain_order=True):
             by_column = {cell["column"]: cell for cell in own.to_dicts()}
-            texts = [_text(by_column.get(name), leaders) for name in columns["column"]]
+            texts = [_text(by_column.get(column), leaders) for column in columns]
             table.add_row(escape(str(line)), *texts)
         yield table
+
+
+def headings(cells: pl.DataFrame) -> Mapping[str, str]:
+    """Columns of a table, in their order, with their units."""
+    pairs = cells.unique("column", maintain_order=True).select("column", "unit").iter_rows()
+    told = ((str(column), str(unit)) for column, unit in pairs)
+    return {column: f"{column} [{unit}]" if unit else column for column, unit in told}
+
+
+def sample(cells: pl.DataFrame) -> str:
+    """How many seeds, of how many scenarios, or recorded sequences, are behind a table."""
+    parts = []
+    for source, noun in _NOUNS.items():
+        own = cells.filter(source=source)
+        if own.is_empty():
+            continue
+        n, scenarios = (max(own[name].to_list()) for name in ("n", "scenarios"))
+        of = f" of {scenarios} scenarios" if source == "synthetic" and scenarios != 1 else ""
+        parts.append(f"{source}: {n} {noun if n != 1 else noun.removesuffix('s')}{of}")
+    return "; ".join(parts).capitalize() + "." if parts else ""
 
 
 def best(cells: pl.DataFrame) -> Mapping[str, float]:
