@@ -98,14 +98,13 @@ class Store:
 
 def as_rows(measured: Iterable[Mapping[str, Any]], **everywhere: str | int) -> pl.DataFrame:
     """Rows with the columns `ROWS` of what was measured, and of what is the same in all of them; a
-    column that neither names is `all` (bin), empty, or null, and NaN is null."""
+    column that is not named is `all` (bin), empty, or null, and NaN is null."""
     given = pl.DataFrame(list(measured), infer_schema_length=None)
     given = given.with_columns(pl.lit(value).alias(name) for name, value in everywhere.items())
-    default = {name: "all" if name == "bin" else "" for name in ROWS if ROWS[name] == pl.String}
-    missing = [name for name in ROWS if name not in given.columns]
-    filled = given.with_columns(pl.lit(default.get(name)).alias(name) for name in missing)
-    whole = filled.select(*ROWS).cast(ROWS)  # type: ignore[arg-type]
-    return whole.with_columns(pl.col("value").fill_nan(None))
+    missing = [pl.lit(None).alias(name) for name in ROWS if name not in given.columns]
+    whole = given.with_columns(missing).select(*ROWS).cast(ROWS)  # type: ignore[arg-type]
+    empty = pl.col(pl.String).exclude("bin").fill_null("")
+    return whole.with_columns(empty, pl.col("bin").fill_null("all"), pl.col("value").fill_nan(None))
 
 
 def do(

@@ -3,8 +3,12 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import occlusion_tables
+from experiments.paper import ablations, occlusion_tables
 from experiments.paper.item import Item
 
-ITEMS: Mapping[str, Item] = MappingProxyType({item.id: item for item in occlusion_tables.ITEMS})
+_ROOMS = (occlusion_tables, ablations)
+
+ITEMS: Mapping[str, Item] = MappingProxyType(
+    {item.id: item for room in _ROOMS for item in room.ITEMS}
+)
 """Items by name, in the order of the paper."""

@@ -52,7 +52,7 @@ class World:
     @property
     def group(self) -> str:
         """All settings of one seed share its simulation."""
-        return f"{self.scenario}, seed {self.seed}"
+        return group(self.scenario, self.seed)
 
     def key(self) -> Mapping[str, Any]:
         """All that decides the rows."""
@@ -71,12 +71,12 @@ class World:
         """The scores of `experiments.score` by name, `drift` [m], and the scores by bin; none if
         the seed was refused. `drift` by bin: regime, as the gap begins, and second of the gap."""
         try:
-            trace = _simulated(self.scenario, self.seed)
+            trace = simulated(self.scenario, self.seed)
         except sim_bridge.SeedRefused:
             return pl.DataFrame(schema=ROWS)
         profile = PROFILES.get(self.setting.detector, self.setting.detector)
         protocol = OcclusionProtocol.parse(self.setting.occlusion)
-        occluded = protocol.apply(_detected(self.scenario, self.seed, profile))
+        occluded = protocol.apply(detected(self.scenario, self.seed, profile))
         measured = [
             {"filter": name, **one}
             for name in self.setting.filters
@@ -105,7 +105,7 @@ class World:
                 found.append(_row(one["bin"], one["score"], one["value"], one["n"]))
         if len(scores.gaps):
             alone = drift(trace, occluded, scores.gaps, estimator(name), settings)
-            found += _drifts(trace, alone, scores.gaps, protocol.length)
+            found += drifts(trace, alone, scores.gaps, protocol.length)
         return found
 
 
@@ -120,6 +120,11 @@ def jobs(scale: Scale, settings: Sequence[Setting]) -> list[World]:
     ]
 
 
+def group(scenario: str, seed: int) -> str:
+    """Of all jobs that are done with one seed of a scenario."""
+    return f"{scenario}, seed {seed}"
+
+
 @cache
 def traffic() -> tuple[str, ...]:
     """The population: every scenario of the catalogue in which a simulator drives."""
@@ -129,18 +134,20 @@ def traffic() -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=1)
-def _simulated(scenario: str, seed: int) -> Trace:
+def simulated(scenario: str, seed: int) -> Trace:
+    """The trace of a scenario's seed; the last one asked for is kept. Raises `SeedRefused`."""
     cache = sim_bridge.user_cache()
     make = sim_bridge.simulate if cache is None else cache.simulate
     return make(scenarios.load(scenario), seed)
 
 
 @lru_cache(maxsize=1)
-def _detected(scenario: str, seed: int, profile: str) -> Detections:
-    return sim_bridge.detect(_simulated(scenario, seed), profile, seed)
+def detected(scenario: str, seed: int, profile: str) -> Detections:
+    """Its detections, by a profile's name; the last ones asked for are kept."""
+    return sim_bridge.detect(simulated(scenario, seed), profile, seed)
 
 
-def _drifts(trace: Trace, alone: pl.DataFrame, gaps: Gaps, length: int) -> list[dict[str, Any]]:
+def drifts(trace: Trace, alone: pl.DataFrame, gaps: Gaps, length: int) -> list[dict[str, Any]]:
     """Mean drift in the first `length` frames of the gaps [m]: of all, by the true regime as the
     gap begins, and by frame of the gap, counted from 1."""
     pairs = list(zip(gaps.object_id.tolist(), gaps.start.tolist(), strict=True))

@@ -65,7 +65,9 @@ def done(marks: Path) -> list[int]:
 
 def test_rows_have_all_columns_and_nan_is_no_value() -> None:
     """What nobody names is `all`, empty or null."""
-    rows = as_rows([{"value": float("nan"), "metric": "a"}, {"value": 2, "metric": "b"}], n=3)
+    measured = [{"value": float("nan"), "metric": "a"}, {"value": 2, "metric": "b", "bin": "part"}]
+    rows = as_rows(measured, n=3)
+    assert rows["bin"].to_list() == ["all", "part"]
     assert dict(rows.schema) == ROWS
     assert rows["value"].to_list() == [None, 2.0]
     assert rows.row(0, named=True) | {"metric": "", "value": 0} == {

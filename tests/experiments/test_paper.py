@@ -204,7 +204,7 @@ def test_a_refused_seed_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*given: object) -> None:
         raise SeedRefused("two boxes overlap")
 
-    monkeypatch.setattr("experiments.paper.worlds._simulated", refuse)
+    monkeypatch.setattr("experiments.paper.worlds.simulated", refuse)
     rows = WORLDS[0].rows()
     assert rows.is_empty()
     assert estimate(rows, WHERE).n == 0
