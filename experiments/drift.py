@@ -6,6 +6,7 @@ starts anew, as in the tracker). Every gap counts for every filter, so that the 
 depend on which tracks were captured or deleted, nor on which filters were run.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,18 +27,38 @@ def drift(
     occluded: the detections without those in the gaps.
     """
     ids = np.unique(gaps.object_id)
-    measured = _positions(occluded, ids, occluded.source)
     true = _positions(trace, ids, trace.object_id)
+    estimated = np.full(true.shape, np.nan)
+    for k, place, state in followed(occluded, gaps, ids, estimator, settings):
+        estimated[k, place] = estimator.position(state)
+    error = np.hypot(*(estimated - true).transpose(2, 0, 1))
+    frame, place = np.nonzero(np.isfinite(error))
+    columns = {"object_id": ids[place], "frame": frame, "drift": error[frame, place]}
+    return pl.DataFrame(columns)
+
+
+def followed(
+    occluded: Detections,
+    gaps: Gaps,
+    ids: IntArray,
+    estimator: Estimator,
+    settings: TrackerSettings,
+) -> Iterator[tuple[int, IntArray, Any]]:
+    """After each frame in which any of some objects is followed: its number, the objects that are
+    (places in the ascending `ids`), and the estimator's states of them.
+
+    occluded: the detections without those in the gaps.
+    """
+    measured = _positions(occluded, ids, occluded.source)
     hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
     for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
-        hidden[start:stop, np.searchsorted(ids, identifier)] = True
+        hidden[start:stop, np.flatnonzero(ids == identifier)] = True
     noise = np.diag([settings.x_var, settings.y_var])
-    estimated = np.full(true.shape, np.nan)
     state: Any = None
     alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
-    for k in range(trace.n_frames):
+    for k in range(occluded.n_frames):
         if len(alive):
-            state = estimator.predict(state, trace.dt)
+            state = estimator.predict(state, occluded.dt)
             variance = estimator.covariance(state).diagonal(axis1=1, axis2=2).max(axis=1)
             kept = np.flatnonzero((variance <= settings.max_variance) | hidden[k, alive])
             state, alive = take(state, kept), alive[kept]
@@ -51,11 +72,7 @@ def drift(
             state = join(state, new) if len(alive) else new
             alive = np.concatenate([alive, born])
         if len(alive):
-            estimated[k, alive] = estimator.position(state)
-    error = np.hypot(*(estimated - true).transpose(2, 0, 1))
-    frame, place = np.nonzero(np.isfinite(error))
-    columns = {"object_id": ids[place], "frame": frame, "drift": error[frame, place]}
-    return pl.DataFrame(columns)
+            yield k, alive, state
 
 
 def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.DataFrame:
