@@ -52,7 +52,7 @@ class World:
     @property
     def group(self) -> str:
         """All settings of one seed share its simulation."""
-        return f"{self.scenario}, seed {self.seed}"
+        return group(self.scenario, self.seed)
 
     def key(self) -> Mapping[str, Any]:
         """All that decides the rows."""
@@ -118,6 +118,11 @@ def jobs(scale: Scale, settings: Sequence[Setting]) -> list[World]:
         for name in traffic()
         for setting in settings
     ]
+
+
+def group(scenario: str, seed: int) -> str:
+    """Of all jobs that are done with one seed of a scenario."""
+    return f"{scenario}, seed {seed}"
 
 
 @cache
