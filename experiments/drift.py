@@ -1,20 +1,20 @@
 """How far a filter itself drifts in each gap, with nothing else in play.
 
-Each object's own detections go into the estimator, frame by frame, and none in the gap: perfect
-association, no clutter, no deletion in the gap (before it, a track lost from sight for too long
-starts anew, as in the tracker). Every gap counts for every filter, so that the comparison does not
-depend on which tracks were captured or deleted, nor on which filters were run.
+Each object's own detections go into the estimator (`experiments.alone`), and none in the gap, where
+nothing is deleted. Every gap counts for every filter, so that the comparison does not depend on
+which tracks were captured or deleted, nor on which filters were run.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import polars as pl
 
+from experiments.alone import by_object, distance, steps
 from experiments.occlusion import Gaps
 from mdkf import Detections, Estimator, Trace, TrackerSettings
-from mdkf.estimator import join, take
-from mdkf.tables import FloatArray, IntArray
+from mdkf.tables import IntArray
 
 
 def drift(
@@ -26,36 +26,34 @@ def drift(
     occluded: the detections without those in the gaps.
     """
     ids = np.unique(gaps.object_id)
-    measured = _positions(occluded, ids, occluded.source)
-    true = _positions(trace, ids, trace.object_id)
-    hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
-    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
-        hidden[start:stop, np.searchsorted(ids, identifier)] = True
-    noise = np.diag([settings.x_var, settings.y_var])
+    true = by_object(trace, trace.object_id, ids, "x", "y")
     estimated = np.full(true.shape, np.nan)
-    state: Any = None
-    alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
-    for k in range(trace.n_frames):
-        if len(alive):
-            state = estimator.predict(state, trace.dt)
-            variance = estimator.covariance(state).diagonal(axis1=1, axis2=2).max(axis=1)
-            kept = np.flatnonzero((variance <= settings.max_variance) | hidden[k, alive])
-            state, alive = take(state, kept), alive[kept]
-        if len(alive):
-            z = np.ascontiguousarray(measured[k, alive])
-            state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
-        born = np.setdiff1d(np.flatnonzero(np.isfinite(measured[k, :, 0])), alive)
-        if len(born):
-            z = np.ascontiguousarray(measured[k, born])
-            new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
-            state = join(state, new) if len(alive) else new
-            alive = np.concatenate([alive, born])
-        if len(alive):
-            estimated[k, alive] = estimator.position(state)
-    error = np.hypot(*(estimated - true).transpose(2, 0, 1))
+    for k, place, state in followed(occluded, gaps, ids, estimator, settings):
+        estimated[k, place] = estimator.position(state)
+    error = distance(estimated, true)
     frame, place = np.nonzero(np.isfinite(error))
     columns = {"object_id": ids[place], "frame": frame, "drift": error[frame, place]}
     return pl.DataFrame(columns)
+
+
+def followed(
+    occluded: Detections,
+    gaps: Gaps,
+    ids: IntArray,
+    estimator: Estimator,
+    settings: TrackerSettings,
+) -> Iterator[tuple[int, IntArray, Any]]:
+    """After each frame in which any of some objects is followed: its number, the objects that are
+    (places in the ascending `ids`), and the estimator's states of them.
+
+    occluded: the detections without those in the gaps.
+    """
+    measured = by_object(occluded, occluded.source, ids, "x", "y")
+    hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
+    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
+        hidden[start:stop, np.flatnonzero(ids == identifier)] = True
+    for step in steps(measured, occluded.dt, estimator, settings, hidden):
+        yield step.frame, step.objects, step.state
 
 
 def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.DataFrame:
@@ -65,12 +63,3 @@ def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.Da
     both = errors.join(drifts, on=["object_id", "frame"], how="left", maintain_order="left")
     stretched = (pl.col("phase") == "gap") & (pl.col("offset") >= length)
     return both.with_columns(drift=pl.when(~stretched).then("drift"))
-
-
-def _positions(table: Trace | Detections, ids: IntArray, owner: IntArray) -> FloatArray:
-    """Positions (n_frames, n_objects, 2) [m] of some objects, NaN where they have no row."""
-    positions = np.full((table.n_frames, len(ids), 2), np.nan)
-    rows = np.flatnonzero(np.isin(owner, ids))
-    place = np.searchsorted(ids, owner[rows])
-    positions[table.frame[rows], place] = np.column_stack([table.x[rows], table.y[rows]])
-    return positions

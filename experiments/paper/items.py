@@ -3,10 +3,15 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import ablations, occlusion_tables
+from experiments.paper import ablations, denoise, dynamics, occlusion_tables
 from experiments.paper.item import Item
 
-_ROOMS = (occlusion_tables, ablations)
+_ROOMS = (
+    dynamics,
+    denoise,
+    occlusion_tables,
+    ablations,
+)
 
 ITEMS: Mapping[str, Item] = MappingProxyType(
     {item.id: item for room in _ROOMS for item in room.ITEMS}
