@@ -10,20 +10,23 @@ from rich.table import Table
 
 from experiments.paper.item import Answer, Item
 
+MANY = 9
+"""Columns from which they stand closer, so that values need no second line in 120 characters."""
+
 
 def tables(item: Item, answer: Answer) -> Iterator[Table]:
     """The answer's tables, in the order of its cells."""
     for (name,), cells in answer.cells.group_by("table", maintain_order=True):
+        columns = cells.unique("column", maintain_order=True)
         table = Table(
             title=escape(str(name)),
             title_justify="left",
             caption=escape(answer.captions.get(str(name), "")) or None,
             caption_justify="left",
             box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
+            padding=(0, int(columns.height < MANY), 0, 0),
         )
-        columns = cells.unique("column", maintain_order=True)
-        table.add_column("")
+        table.add_column("", no_wrap=True)
         for heading, unit in columns.select("column", "unit").iter_rows():
             told_unit = f" [{unit}]" if unit else ""
             table.add_column(escape(f"{heading}{told_unit}"), justify="right")
