@@ -3,8 +3,12 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import occlusion_tables
+from experiments.paper import occlusion_tables, regime_tables
 from experiments.paper.item import Item
 
-ITEMS: Mapping[str, Item] = MappingProxyType({item.id: item for item in occlusion_tables.ITEMS})
+_MODULES = (occlusion_tables, regime_tables)
+
+ITEMS: Mapping[str, Item] = MappingProxyType(
+    {item.id: item for module in _MODULES for item in module.ITEMS}
+)
 """Items by name, in the order of the paper."""
