@@ -53,7 +53,11 @@ _SCORERS = (
 
 
 class Job(Protocol):
-    """What is done in one piece and kept in one file. Plain data, as it goes to other processes."""
+    """What is done in one piece and kept in one file. Plain data, as it goes to other processes.
+
+    One with an attribute `alone` that is true measures the machine: it is done when nothing else
+    runs.
+    """
 
     @property
     def group(self) -> str:
@@ -116,16 +120,27 @@ def do(
 ) -> None:
     """Do the jobs that the store does not have yet; `progress` is told how many of all are done.
 
+    Jobs that must be `alone` come last, in this process, one at a time.
+
     Ctrl-C and the death of a worker (`RunFailed`) lose only what was under way.
     """
     store.folder.mkdir(parents=True, exist_ok=True)
     missing = [job for job in jobs if store.read(job) is None]
     done = len(jobs) - len(missing)
     progress(done)
-    groups = [tuple(own) for _, own in groupby(missing, key=lambda job: job.group)]
+    together = [job for job in missing if not _alone(job)]
+    groups = [tuple(own) for _, own in groupby(together, key=lambda job: job.group)]
     for count in engine.outcomes(partial(_do_group, store), groups, workers, warm_up):
         done += count
         progress(done)
+    for job in filter(_alone, missing):
+        done += _do_group(store, (job,))
+        progress(done)
+
+
+def _alone(job: Job) -> bool:
+    """Whether the job must not share the machine with others."""
+    return getattr(job, "alone", False)
 
 
 def _do_group(store: Store, jobs: Sequence[Job]) -> int:

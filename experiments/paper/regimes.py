@@ -2,23 +2,29 @@
 
 Closed-form motions (`experiments.paper.motions`), white measurement noise in the history, no
 measurement in the gap, every filter on the same measurements with the true noise covariance:
-perfect association, no clutter, no deletion. A cell is the mean over seeds of the mean position
-error over the gap's first frames, with Student's 95 % interval; differences are paired by seed.
+perfect association, no clutter, no deletion. A value is the mean position error of one seed over
+the gap's first frames.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 import mdkf
+from experiments.bins import EVERYTHING
+from experiments.jobs import as_rows
 from experiments.paper.motions import REGIMES, Regime
-from experiments.statistics import mean_intervals, told
+from experiments.paper.scale import Scale
 from mdkf import DETECTORS, Estimator, MotionDynamics
 from mdkf.tables import FloatArray
 from sim_bridge.randomness import stream
+
+STUDY = "regimes"
+METRIC = "error"
+"""Of the rows [m]."""
 
 DT = 0.1
 """Time between frames [s]."""
@@ -27,57 +33,24 @@ HISTORIES = (40, 10)
 measurements and all."""
 GAPS = (10, 20)
 """Frames of the gap that are scored, from its first on."""
-SEEDS = 500
-NOISES = ("pointrcnn", "0.1")
 
 VARIANTS: Mapping[str, Estimator] = {
     "md-window5": MotionDynamics(window=5),
     "md-window20": MotionDynamics(window=20),
 }
-"""Filters of this table that have no name elsewhere: MD with shorter and longer windows."""
+"""Filters of this study that have no name elsewhere: MD with shorter and longer windows."""
 
 FILTERS = (
     *("cv", "ca", "cj", "imm", "imm-zero", "imm3", "imm3-zero", "md", "md3"),
-    *("md-joint", "md-innovation", "md-posterior", "md-raw", "md-fw", "md-window5", "md-window20"),
     *("ca-retuned", "imm-retuned", "imm-zero-retuned", "md-retuned"),
 )
-"""Compared unless told otherwise. `md-keep` is `md` where no measurement follows the gap."""
-
-SUBJECT = "md"
-RETUNED = "-retuned"
-
-
-@dataclass(frozen=True)
-class Note:
-    """What the notes give for a regime: 40 frames of history, white noise of 0.1 to 0.13 m.
-
-    ca, imm_zero, md: mean errors over the first 10 and 20 frames of the gap [m].
-    difference, half: MD minus unbiased IMM over 20 frames, half of its 95 % interval [m].
-    """
-
-    ca: tuple[float, float]
-    imm_zero: tuple[float, float]
-    md: tuple[float, float]
-    difference: float
-    half: float
-
-
-NOTES: Mapping[str, Note] = {
-    "stationary": Note((0.18, 0.25), (0.16, 0.21), (0.12, 0.12), -0.10, 0.01),
-    "stopped": Note((1.35, 3.25), (0.25, 0.43), (0.13, 0.13), -0.28, 0.02),
-    "constant-velocity": Note((0.18, 0.26), (0.17, 0.22), (0.15, 0.18), -0.06, 0.01),
-    "acceleration-ended": Note((0.42, 1.31), (0.32, 0.98), (0.39, 0.61), -0.90, 0.04),
-    "stop-and-go": Note((1.76, 4.40), (1.01, 2.65), (1.12, 2.66), -0.52, 0.09),
-    "braking": Note((1.87, 4.61), (2.03, 4.98), (1.94, 4.86), 0.62, 0.02),
-    "accelerating": Note((0.76, 1.76), (1.03, 2.41), (1.04, 2.50), 1.59, 0.01),
-    "turning": Note((1.19, 3.00), (1.40, 3.52), (1.39, 3.56), 1.09, 0.01),
-    "crawling": Note((0.17, 0.24), (0.16, 0.20), (0.23, 0.36), 0.14, 0.01),
-}
-"""The project's first Monte Carlo table. It does not record its motions and noise; white
-noise of 0.1 to 0.13 m fits it best."""
-
-NOTED = {"history": 40, "gap": 20, "filter": SUBJECT, "against": "imm"}
-"""The differences that the notes speak of."""
+READINGS = (
+    *("md-joint", "md-innovation", "md-posterior", "md-raw", "md-fw", "md-window5", "md-window20"),
+)
+"""Of what the paper leaves open, in the longest history and gap alone. `md-keep` is `md` where no
+measurement follows the gap."""
+DRAWN = ("ca", "imm", "imm-zero", "md")
+"""Filters whose errors in each frame are kept too, there alone."""
 
 
 @dataclass(frozen=True)
@@ -89,91 +62,73 @@ class Noise:
     y_var: float
 
     @classmethod
-    def parse(cls, text: str) -> "Noise":
-        """RobMOT's R of a detector by name, or a standard deviation of both axes [m]."""
-        if text in DETECTORS:
-            return cls(text, DETECTORS[text].x_var, DETECTORS[text].y_var)
-        try:
-            deviation = float(text)
-        except ValueError:
-            deviation = float("nan")
-        if not (np.isfinite(deviation) and deviation > 0):
-            known = ", ".join(DETECTORS)
-            raise ValueError(
-                f"noise {text!r}, expected a standard deviation above 0 m, or one of: {known}"
-            )
-        return cls(f"{deviation:g}", deviation**2, deviation**2)
+    def of_detector(cls, name: str) -> "Noise":
+        """RobMOT's R of a detector."""
+        return cls(name, DETECTORS[name].x_var, DETECTORS[name].y_var)
+
+    @classmethod
+    def of_deviation(cls, deviation: float) -> "Noise":
+        """The same standard deviation along both axes [m]."""
+        return cls(f"{deviation:g} m", deviation**2, deviation**2)
+
+
+NOISES = (Noise.of_detector("pointrcnn"), Noise.of_deviation(0.1))
 
 
 @dataclass(frozen=True)
-class Plan:
-    """All that decides the table. seeds: how many, from 0; filters: their names."""
+class MonteCarlo:
+    """A regime, by id, with `seeds` seeds from 0 on: all noises, histories, gaps and filters."""
 
-    seeds: int = SEEDS
-    noises: tuple[Noise, ...] = tuple(map(Noise.parse, NOISES))
-    filters: tuple[str, ...] = FILTERS
-    regimes: tuple[Regime, ...] = REGIMES
+    regime: str
+    seeds: int
+
+    @property
+    def group(self) -> str:
+        """Regimes share nothing."""
+        return f"regime {self.regime}"
+
+    def key(self) -> Mapping[str, Any]:
+        """All that decides the rows."""
+        return {
+            "study": STUDY,
+            "regime": asdict(BY_ID[self.regime]),
+            "seeds": self.seeds,
+            "noises": [asdict(noise) for noise in NOISES],
+        }
+
+    def rows(self) -> pl.DataFrame:
+        """`error` [m] by seed, noise (detector), occlusion as `occlusion` names it, and filter; of
+        those drawn also by frame of the gap, counted from 1 (bin `frame 1`)."""
+        truth, white = drawn(BY_ID[self.regime], self.seeds)
+        measured = [
+            {"detector": noise.name, **row}
+            for noise in NOISES
+            for row in _rows(truth, white, noise)
+        ]
+        return as_rows(measured, study=STUDY, scenario=self.regime, metric=METRIC)
 
 
-@dataclass(frozen=True)
-class Results:
-    """rows: a cell for each regime, noise, history, gap and filter. differences: `md` minus each
-    other filter of its start. over_time: errors in each frame of the gap. All in metres."""
+BY_ID: Mapping[str, Regime] = {regime.id: regime for regime in REGIMES}
 
-    rows: pl.DataFrame
-    differences: pl.DataFrame
-    over_time: pl.DataFrame
+
+def jobs(scale: Scale) -> list[MonteCarlo]:
+    """Every regime."""
+    return [MonteCarlo(name, scale.monte_carlo) for name in BY_ID]
+
+
+def occlusion(gap: int, history: int) -> str:
+    """The name of a gap in the rows."""
+    return f"gap {gap} after {history}"
+
+
+def in_frame(number: int) -> str:
+    """The bin of one frame of the gap, counted from 1."""
+    return f"frame {number}"
 
 
 def named(name: str) -> Estimator:
-    """The filter of a name; `ValueError` lists the known ones."""
-    if name in VARIANTS:
-        return VARIANTS[name]
-    try:
-        return mdkf.estimator(name)
-    except ValueError as error:
-        raise ValueError(f"{error}; here also: {', '.join(VARIANTS)}") from None
-
-
-def run(plan: Plan, progress: Callable[[float], None] = lambda done: None) -> Results:
-    """The whole table; the same plan gives the same numbers to the last bit.
-
-    progress is told how much is done, from 0 to 1.
-    """
-    estimators = [named(name) for name in plan.filters]
-    rows: list[dict[str, Any]] = []
-    differences: list[dict[str, Any]] = []
-    over_time: list[dict[str, Any]] = []
-    for done, regime in enumerate(plan.regimes):
-        progress(done / len(plan.regimes))
-        truth, white = drawn(regime, plan.seeds)
-        for noise in plan.noises:
-            seen = truth[:, : white.shape[1]] + white * np.sqrt([noise.x_var, noise.y_var])
-            for history in HISTORIES:
-                errors = np.stack(
-                    [
-                        gap_errors(estimator, seen[:, -history:], truth[:, -max(GAPS) :], noise)
-                        for estimator in estimators
-                    ],
-                    axis=1,
-                )
-                setting = {"regime": regime.id, "noise": noise.name, "history": history}
-                over_time += _curves(setting, plan.filters, errors)
-                for gap in GAPS:
-                    scores = errors[:, :, :gap].mean(axis=2)
-                    cell = {**setting, "gap": gap, "seeds": plan.seeds}
-                    rows += _cells(cell, plan.filters, scores)
-                    differences += _paired(cell, plan.filters, scores)
-    return Results(
-        *(
-            pl.DataFrame(table, schema=columns).with_columns(pl.selectors.float().fill_nan(None))
-            for table, columns in (
-                (rows, {**_KEY, "filter": pl.String, **_floats("error"), "notes": pl.Float64}),
-                (differences, {**_KEY, **_PAIR, **_floats("difference"), **_NOTED}),
-                (over_time, {**_SETTING, "filter": pl.String, "time": pl.Float64, **_floats()}),
-            )
-        )
-    )
+    """The filter of a name of this study, with variants that have no name elsewhere."""
+    return VARIANTS[name] if name in VARIANTS else mdkf.estimator(name)
 
 
 def drawn(regime: Regime, seeds: int) -> tuple[FloatArray, FloatArray]:
@@ -213,76 +168,23 @@ def gap_errors(
     return errors
 
 
-def agreement(difference: Mapping[str, Any]) -> str | None:
-    """Whether a difference has the notes' sign: `agrees`, `disagrees`, or `not separable` where
-    its interval holds zero; None where the notes give none, or one seed no interval."""
-    if difference["notes"] is None or difference["low"] is None:
-        return None
-    if difference["low"] <= 0 <= difference["high"]:
-        return "not separable"
-    return "agrees" if (difference["difference"] < 0) == (difference["notes"] < 0) else "disagrees"
+def _rows(truth: FloatArray, white: FloatArray, noise: Noise) -> Iterator[dict[str, Any]]:
+    """occlusion, filter, seed, bin, value and frames behind it."""
+    seen = truth[:, : white.shape[1]] + white * np.sqrt([noise.x_var, noise.y_var])
+    for history in HISTORIES:
+        longest = history == max(HISTORIES)
+        for name in (*FILTERS, *READINGS) if longest else FILTERS:
+            errors = gap_errors(named(name), seen[:, -history:], truth[:, -max(GAPS) :], noise)
+            for gap in (max(GAPS),) if name in READINGS else GAPS:
+                own: dict[str, Any] = {"occlusion": occlusion(gap, history), "filter": name}
+                yield from _by_seed({**own, "bin": EVERYTHING, "n": gap}, errors[:, :gap])
+            if longest and name in DRAWN:
+                own = {"occlusion": occlusion(max(GAPS), history), "filter": name, "n": 1}
+                for k in range(max(GAPS)):
+                    yield from _by_seed({**own, "bin": in_frame(k + 1)}, errors[:, k : k + 1])
 
 
-_SETTING = {"regime": pl.String, "noise": pl.String, "history": pl.Int64}
-_KEY = {**_SETTING, "gap": pl.Int64, "seeds": pl.Int64}
-_PAIR = {"filter": pl.String, "against": pl.String}
-_NOTED = {"notes": pl.Float64, "sign": pl.String}
-
-
-def _floats(value: str = "error") -> dict[str, Any]:
-    return {value: pl.Float64, "low": pl.Float64, "high": pl.Float64}
-
-
-def _cells(
-    cell: dict[str, Any], filters: Sequence[str], scores: FloatArray
-) -> list[dict[str, Any]]:
-    """Rows of the scores (seeds, filters)."""
-    note = NOTES.get(cell["regime"])
-    known: dict[str, tuple[float, float]] = {}
-    if note is not None and cell["history"] == NOTED["history"]:
-        known = {"ca": note.ca, "imm-zero": note.imm_zero, "md": note.md}
-    return [
-        {
-            **cell,
-            "filter": name,
-            **dict(zip(_floats(), values, strict=True)),
-            "notes": known[name][GAPS.index(cell["gap"])] if name in known else None,
-        }
-        for name, *values in zip(filters, *mean_intervals(scores), strict=True)
-    ]
-
-
-def _paired(
-    cell: dict[str, Any], filters: Sequence[str], scores: FloatArray
-) -> list[dict[str, Any]]:
-    """Rows of the differences of scores (seeds, filters): MD minus each other filter that
-    starts with the same variances."""
-    rows = []
-    for start in ("", RETUNED):
-        subject = SUBJECT + start
-        others = [k for k, name in enumerate(filters) if name.endswith(RETUNED) == bool(start)]
-        others = [k for k in others if filters[k] != subject]
-        if subject not in filters or not others:
-            continue
-        own = scores[:, [filters.index(subject)]] - scores[:, others]
-        for k, *values in zip(others, *mean_intervals(own), strict=True):
-            row = {**cell, "filter": subject, "against": filters[k]}
-            row |= dict(zip(_floats("difference"), values, strict=True))
-            noted = cell["regime"] in NOTES and all(row[key] == NOTED[key] for key in NOTED)
-            row["notes"] = NOTES[cell["regime"]].difference if noted else None
-            row["low"], row["high"] = map(told, values[1:])
-            rows.append({**row, "sign": agreement(row)})
-    return rows
-
-
-def _curves(
-    setting: dict[str, Any], filters: Sequence[str], errors: FloatArray
-) -> list[dict[str, Any]]:
-    """Rows of the errors (seeds, filters, frames), by filter and frame."""
-    mean, low, high = mean_intervals(errors)
-    return [
-        {**setting, "filter": name, "time": k * DT}
-        | {"error": mean[i, k], "low": low[i, k], "high": high[i, k]}
-        for i, name in enumerate(filters)
-        for k in range(errors.shape[2])
-    ]
+def _by_seed(own: Mapping[str, Any], errors: FloatArray) -> Iterator[dict[str, Any]]:
+    """A row for each seed, of its mean error over the frames of errors (seeds, frames)."""
+    for seed, value in enumerate(errors.mean(axis=1).tolist()):
+        yield {**own, "seed": seed, "value": value}

@@ -10,6 +10,9 @@ from rich.table import Table
 
 from experiments.paper.item import Answer, Item
 
+MANY = 9
+"""Columns from which they stand closer, so that values need no second line in 120 characters."""
+
 _NOUNS = {
     "synthetic": "seeds",
     "closed form": "seeds",
@@ -22,16 +25,16 @@ def tables(item: Item, answer: Answer) -> Iterator[Table]:
     """The answer's tables, in the order of its cells."""
     for (name,), cells in answer.cells.group_by("table", maintain_order=True):
         caption = " ".join(filter(None, (answer.captions.get(str(name)), sample(cells))))
+        columns = headings(cells)
         table = Table(
             title=escape(str(name)),
             title_justify="left",
             caption=escape(caption),
             caption_justify="left",
             box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
+            padding=(0, int(len(columns) < MANY), 0, 0),
         )
-        columns = headings(cells)
-        table.add_column("")
+        table.add_column("", no_wrap=True)
         for heading in columns.values():
             table.add_column(escape(heading), justify="right")
         leaders = best(cells)
