@@ -76,4 +76,5 @@ def _first_measured(measured: FloatArray, first: IntArray) -> IntArray:
     number of frames where there is none."""
     frame = np.arange(len(measured))[:, None]
     there = np.isfinite(measured[..., 0]) & (frame >= first)
-    return np.where(there, frame, len(measured)).min(axis=0, initial=len(measured))
+    found: IntArray = np.where(there, frame, len(measured)).min(axis=0, initial=len(measured))
+    return found
