@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import ablations, denoise, dynamics, occlusion_tables, regimes
+from experiments.paper import ablations, denoise, dynamics, occlusion_tables, regime_tables
 from experiments.paper.item import Item
 
 _ROOMS = (
     dynamics,
     denoise,
     occlusion_tables,
-    regimes,
+    regime_tables,
     ablations,
 )
 

@@ -16,7 +16,7 @@ from experiments.jobs import ROWS, as_rows
 from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.paper.scale import Scale
 from experiments.score import score
-from mdkf import DETECTORS, Detections, Trace, Tracker, estimator
+from mdkf import DETECTORS, Detections, Estimator, Trace, Tracker, estimator
 from mdkf.tables import REGIMES
 
 STUDY = "worlds"
@@ -96,7 +96,7 @@ class World:
     ) -> list[dict[str, Any]]:
         """bin, metric, value and what is behind it, of one filter."""
         settings = DETECTORS[self.setting.detector]
-        tracks = Tracker(estimator(name), settings).run(occluded)
+        tracks = Tracker(_filter(name), settings).run(occluded)
         scores = score(trace, tracks, protocol)
         whole = {**scores.summary(), "assre": 100 * scores.hota.assre_mean}
         found = [_row("all", *one, len(trace)) for one in whole.items()]
@@ -104,7 +104,7 @@ class World:
             if one["group"] != EVERYTHING:
                 found.append(_row(one["bin"], one["score"], one["value"], one["n"]))
         if len(scores.gaps):
-            alone = drift(trace, occluded, scores.gaps, estimator(name), settings)
+            alone = drift(trace, occluded, scores.gaps, _filter(name), settings)
             found += drifts(trace, alone, scores.gaps, protocol.length)
         return found
 
@@ -145,6 +145,12 @@ def simulated(scenario: str, seed: int) -> Trace:
 def detected(scenario: str, seed: int, profile: str) -> Detections:
     """Its detections, by a profile's name; the last ones asked for are kept."""
     return sim_bridge.detect(simulated(scenario, seed), profile, seed)
+
+
+@cache
+def _filter(name: str) -> Estimator:
+    """Looked up once: `estimator` asks all installed packages each time."""
+    return estimator(name)
 
 
 def drifts(trace: Trace, alone: pl.DataFrame, gaps: Gaps, length: int) -> list[dict[str, Any]]:
