@@ -65,7 +65,9 @@ def followed(
         if len(alive):
             z = np.ascontiguousarray(measured[k, alive])
             state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
-        born = np.setdiff1d(np.flatnonzero(np.isfinite(measured[k, :, 0])), alive)
+        new_ones = np.isfinite(measured[k, :, 0])
+        new_ones[alive] = False
+        born = np.flatnonzero(new_ones)
         if len(born):
             z = np.ascontiguousarray(measured[k, born])
             new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
