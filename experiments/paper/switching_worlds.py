@@ -92,11 +92,11 @@ class Followed:
         protocol = OcclusionProtocol.parse(OCCLUSION)
         seen = detected(self.scenario, self.seed, DETECTOR)
         occluded, gaps = protocol.apply(seen), protocol.gaps(seen)
-        truth = _truth(trace, occluded, gaps, protocol.length)
+        truth = truth_of(trace, occluded, gaps, protocol.length)
         measured = [
             {"filter": name, **one}
             for name in FILTERS
-            for one in _of_filter(trace, truth, occluded, gaps, estimator(name))
+            for one in scored(trace, truth, occluded, gaps, estimator(name))
         ]
         return as_rows(
             measured,
@@ -109,7 +109,7 @@ class Followed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Truth:
+class Truth:
     """Of every row of a trace (n,): the places of its kind in `KINDS` and of its phase in `PHASES`,
     and for each task whether it is of the kinds to be told (1), of the others (0) or of none (-1),
     and how many frames ago that changed."""
@@ -164,18 +164,18 @@ def inferred(told: Mapping[str, FloatArray]) -> IntArray:
     return np.select([stands, ~manoeuvre], [0, 1], 2)
 
 
-def _truth(trace: Trace, occluded: Detections, gaps: Gaps, length: int) -> _Truth:
+def truth_of(trace: Trace, occluded: Detections, gaps: Gaps, length: int) -> Truth:
     kind = kinds(trace)
     states = {
         task: np.select([np.isin(kind, active), np.isin(kind, quiet)], [1, 0], -1)
         for task, (active, quiet) in TASKS.items()
     }
     tasks = {task: (state, frames_since_change(trace, state)) for task, state in states.items()}
-    return _Truth(kind, _phases(trace, occluded, gaps, length), tasks)
+    return Truth(kind, _phases(trace, occluded, gaps, length), tasks)
 
 
-def _of_filter(
-    trace: Trace, truth: _Truth, occluded: Detections, gaps: Gaps, model: Estimator
+def scored(
+    trace: Trace, truth: Truth, occluded: Detections, gaps: Gaps, model: Estimator
 ) -> Iterator[dict[str, Any]]:
     """bin, metric, value and what is behind it."""
     row, error, told = _estimates(trace, occluded, gaps, model)
