@@ -7,11 +7,9 @@ not there; one that cannot be read is made anew.
 
 import hashlib
 import json
-import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from importlib.metadata import version
 from inspect import getfile
 from itertools import groupby
 from pathlib import Path
@@ -19,11 +17,10 @@ from typing import Any, Protocol
 
 import polars as pl
 
-import mdkf
-import scenarios
 import sim_bridge
 from experiments import engine
 from experiments.engine import RunFailed
+from experiments.sources import deciding
 from sim_bridge.parquet import write_frame
 
 ROWS = {
@@ -40,16 +37,6 @@ ROWS = {
 }
 """Columns of what jobs give: one measured value of one seed, and what it was measured of. bin:
 `all`, or the part that the value is of. value: null is "no value". n: what is behind it."""
-
-_PACKAGES = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
-_ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
-_HERE = Path(__file__).parent
-_SCORING = ("metrics", "states")
-_SCORERS = (
-    *("alone", "bins", "breakdown", "drift", "journeys", "matched", "occlusion", "pairing"),
-    *("phases", "population", "score", "world"),
-)
-"""What makes rows, of this package: rooms, and modules."""
 
 
 class Job(Protocol):
@@ -82,7 +69,7 @@ class Store:
     def path(self, job: Job) -> Path:
         """Where the job's rows are, once it is done."""
         key = json.dumps(job.key(), sort_keys=True, separators=(",", ":"))
-        digest = hashlib.sha256(f"{key}\n{_makers(_source(type(job)))}".encode()).hexdigest()
+        digest = hashlib.sha256(f"{key}\n{deciding(_source(type(job)))}".encode()).hexdigest()
         return self.folder / f"{digest}.parquet"
 
     def read(self, job: Job) -> pl.DataFrame | None:
@@ -158,17 +145,3 @@ def _do_group(store: Store, jobs: Sequence[Job]) -> int:
 def _source(job: type) -> Path:
     """The module that the job is of."""
     return Path(getfile(job))
-
-
-@cache
-def _makers(module: Path) -> str:
-    """The sources that decide what a job's rows are, and the versions of what they call."""
-    own = [_HERE / f"{name}.py" for name in _SCORERS]
-    rooms = [*_ROOMS, *(_HERE / name for name in _SCORING)]
-    sources = [module, *own, *(path for room in rooms for path in sorted(room.rglob("*.py")))]
-    told = {
-        "/".join(path.parts[-3:]): hashlib.sha256(path.read_bytes()).hexdigest() for path in sources
-    }
-    versions = {package: version(package) for package in _PACKAGES}
-    where = [platform.python_version(), platform.system(), platform.machine()]
-    return json.dumps([told, versions, where], sort_keys=True)

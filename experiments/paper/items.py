@@ -3,7 +3,14 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import ablations, denoise, dynamics, occlusion_tables, regime_tables
+from experiments.paper import (
+    ablations,
+    denoise,
+    dynamics,
+    occlusion_tables,
+    regime_tables,
+    switching,
+)
 from experiments.paper.item import Item
 
 _ROOMS = (
@@ -11,6 +18,7 @@ _ROOMS = (
     denoise,
     occlusion_tables,
     regime_tables,
+    switching,
     ablations,
 )
 

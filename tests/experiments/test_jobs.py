@@ -1,6 +1,7 @@
 """Claim: what was done is kept under a name that all that decides it makes, so that a run that was
 killed, or asks for more, does what is missing and nothing twice."""
 
+import json
 import os
 import signal
 import subprocess
@@ -18,6 +19,8 @@ from polars.testing import assert_frame_equal
 from experiments import jobs
 from experiments.engine import RunFailed
 from experiments.jobs import ROWS, Store, as_rows, do
+from experiments.paper import worlds
+from experiments.sources import deciding
 from sim_bridge import SimulationError
 
 
@@ -44,7 +47,9 @@ class Square:
         time.sleep(self.seconds)
         if self.fault == "simulation":
             raise SimulationError("the simulator\n died")
-        if self.fault == "killed":
+        if self.fault == "killed":  # as soon as another job is kept
+            while not list((self.marks / "jobs").glob("*.parquet")):
+                time.sleep(0.01)
             os.kill(os.getpid(), signal.SIGKILL)
         with (self.marks / "done.txt").open("a") as file:
             file.write(f"{self.number}\n")
@@ -119,17 +124,32 @@ def test_the_name_is_all_that_decides(tmp_path: Path, monkeypatch: pytest.Monkey
     name = store.path(job).name
     assert store.path(replace(job, seconds=9.0)).name == name
     assert store.path(Square(2, tmp_path)).name != name
-    monkeypatch.setattr(jobs, "_makers", lambda module: "other sources")
+    monkeypatch.setattr(jobs, "deciding", lambda module: "other sources")
     assert store.path(job).name != name
 
 
-def test_the_sources_of_filters_simulators_and_scores_decide(tmp_path: Path) -> None:
-    """Of this package the scores and the job's own module, not pages or terminals."""
-    told = jobs._makers(Path(__file__))
-    for source in ("mdkf/kalman.py", "sim_bridge/detect.py", "metrics/hota.py", "test_jobs.py"):
-        assert source in told
-    for source in ("experiments/report.py", "experiments/terminal.py"):
-        assert source not in told
+def test_the_sources_that_a_job_imports_decide() -> None:
+    """Directly or by way of others; filters, simulators and their data in any case; of this
+    package nothing else."""
+    sums, versions, _ = json.loads(deciding(Path(str(worlds.__file__))))
+    for source in (
+        *("mdkf/kalman.py", "sim_bridge/detect.py", "sim_bridge/detectors/virconv.yaml"),
+        *("experiments/paper/worlds.py", "experiments/drift.py", "experiments/alone.py"),
+        "experiments/metrics/hota.py",
+    ):
+        assert len(sums[source]) == 64
+    for source in ("report", "terminal", "paper/claims", "kitti/run", "bench/plan"):
+        assert f"experiments/{source}.py" not in sums
+    assert "libsumo" in versions
+    assert "test_jobs.py" in str(deciding(Path(__file__)))
+
+
+def test_any_change_of_a_source_is_another_text(tmp_path: Path) -> None:
+    """A comment too: what changes nothing cannot be told."""
+    first, second = tmp_path / "first.py", tmp_path / "second.py"
+    first.write_text("import experiments.drift")
+    second.write_text("import experiments.drift  # again")
+    assert deciding(first) != deciding(second).replace("second.py", "first.py")
 
 
 def test_a_job_that_fails_is_one_line_and_loses_nothing(tmp_path: Path) -> None:
@@ -147,7 +167,7 @@ def test_a_killed_worker_loses_only_its_own(tmp_path: Path) -> None:
     store = Store(tmp_path / "jobs")
     good = Square(0, tmp_path)
     with pytest.raises(RunFailed, match="a worker process died"):
-        do([good, Square(1, tmp_path, seconds=2.0, fault="killed")], store, 2)
+        do([good, Square(1, tmp_path, fault="killed")], store, 2)
     assert store.read(good) is not None
     do([good, Square(1, tmp_path)], store, 2)
     assert done(tmp_path) == [0, 1]
