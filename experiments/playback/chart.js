@@ -2,8 +2,10 @@
 const chart = {
   svg: $(".chart"), left: 44, right: 548, top: 30, bottom: 196,
   x: (k) => chart.left + (k / last) * (chart.right - chart.left),
-  frameAt: (px) =>
-    Math.min(Math.max(Math.round(((px - chart.left) / (chart.right - chart.left)) * last), 0), last),
+  frameAt(px) {
+    const share = (px - chart.left) / (chart.right - chart.left);
+    return Math.round(Math.min(Math.max(share, 0), 1) * last);
+  },
   draw() {
     const { left, right, top, bottom, x } = chart;
     const shown = filters.filter((one) => one.shown);
@@ -11,9 +13,10 @@ const chart = {
     const most = Math.max(0.5, ...errors) * 1.05;
     const y = (error) => bottom - (error / most) * (bottom - top);
     const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => most / s <= 5) ?? 100;
-    const parts = [`<rect class="gap-band" x="${x(begin)}" y="${top}" width="${x(Math.min(end, last)) - x(begin)}" ` +
+    const [from, to] = [x(begin), x(Math.min(end, last))];
+    const parts = [`<rect class="gap-band" x="${from}" y="${top}" width="${to - from}" ` +
                    `height="${bottom - top}"/>`,
-                   `<text class="soft" x="${(x(begin) + x(Math.min(end, last))) / 2}" y="${top - 6}" ` +
+                   `<text class="soft" x="${(from + to) / 2}" y="${top - 6}" ` +
                    `text-anchor="middle">${scene.state}</text>`,
                    '<text class="soft" x="10" y="16">error of each filter [m]</text>'];
     for (let n = 0; n * step <= most; n++)

@@ -1,5 +1,6 @@
-// What is drawn: pictures from above, and the errors over time.
-/** A picture from above: `middle()` and `width()` in metres. */
+// Pictures of the scene from above.
+
+/** A picture in an SVG: `middle()` [x, y] and `width()` of what is in it, in metres. */
 function picture(svg, middle, width, detailed) {
   const { width: across, height: down } = svg.viewBox.baseVal;
   const view = { svg, per: 1, detailed };
@@ -30,9 +31,8 @@ function picture(svg, middle, width, detailed) {
     const others = objects.filter((object) => object !== target);
     const found = others.filter((object) => object.shadow)
       .map((object) => polygon(object.shadow, `shadow${object.hides ? " on" : ""}`));
-    for (const { own, tall, hides } of others) {
-      found.push(polygon(corners(own), tall ? `tall${hides ? " on" : ""}` : "low"), nose(own));
-    }
+    for (const { one, own, hides } of others)
+      found.push(polygon(corners(own), one.tall ? `tall${hides ? " on" : ""}` : "low"), nose(own));
     for (const [x, y, its] of scene.detections[frame()])
       if (!its) found.push(circle([x, y], detailed ? 4 : 2.5, "other"));
     if (target) found.push(line([sensor.x, sensor.y], [target.own.x, target.own.y],
@@ -105,11 +105,11 @@ function picture(svg, middle, width, detailed) {
   }
 
   function nose(own) {
-    const ahead = (share, across_) => [
-      own.x + share * own.length * Math.cos(own.yaw) - across_ * own.width * Math.sin(own.yaw),
-      own.y + share * own.length * Math.sin(own.yaw) + across_ * own.width * Math.cos(own.yaw)];
-    const tip_ = [ahead(0.3, 0.36), ahead(0.44, 0), ahead(0.3, -0.36)];
-    return `<polyline class="heading" points="${points(tip_)}"/>`;
+    const cos = Math.cos(own.yaw), sin = Math.sin(own.yaw);
+    const inBox = ([a, b]) => [own.x + a * own.length * cos - b * own.width * sin,
+                               own.y + a * own.length * sin + b * own.width * cos];
+    const corner = [[0.3, 0.36], [0.44, 0], [0.3, -0.36]].map(inBox);
+    return `<polyline class="heading" points="${points(corner)}"/>`;
   }
 
   function circle(point, radius, kind) {

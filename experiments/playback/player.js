@@ -8,15 +8,19 @@ const views = [
 function tellState(k) {
   const visible = at(focus.visible, k);
   const percent = visible === null ? "gone" : `${Math.round(100 * visible)} % visible`;
-  const since = hidden(k) ? `${scene.state} for ${seconds(k).toFixed(1)} s`
-    : k < begin ? `in view, ${percent}` : `detected again ${((k - end) * scene.dt).toFixed(1)} s ago, ${percent}`;
-  $(".state").dataset.state = hidden(k) ? "gap" : k < begin ? "before" : "after";
-  if ($(".state").textContent !== since) $(".state").textContent = since;
+  const ago = ((k - end) * scene.dt).toFixed(1);
+  const [state, text] = hidden(k) ? ["gap", `${scene.state} for ${seconds(k).toFixed(1)} s`]
+    : k < begin ? ["before", `in view, ${percent}`]
+      : ["after", `detected again ${ago} s ago, ${percent}`];
+  $(".state").dataset.state = state;
+  $(".state").textContent = text;
 }
 
 const diagnosed = (one, k) => Object.entries(one.diagnostics)
   .map(([name, column]) => [name.replace(/^(weight|probability)_/, ""), at(column, k)])
   .filter(([, value]) => value !== null).map(([name, value]) => `${name} ${fixed(value, 2)}`);
+
+const axes = (one, k) => `${fixed(at(one.major, k), 2)} × ${fixed(at(one.minor, k), 2)}`;
 
 const rows = filters.map((one) => {
   const row = document.createElement("tr");
@@ -24,7 +28,8 @@ const rows = filters.map((one) => {
   row.innerHTML = '<td><label><input type="checkbox" checked><svg viewBox="0 0 28 10">' +
     `<path d="M0 5h28" stroke="${one.colour}" stroke-width="3" fill="none" ` +
     `${one.dashed ? 'stroke-dasharray="6 4"' : ""}/></svg><span></span></label></td>` +
-    '<td class="error"><td class="speed"><td class="ellipse-axes"><td class="track"><td class="weights">';
+    ["error", "speed", "ellipse-axes", "track", "weights"]
+      .map((kind) => `<td class="${kind}"></td>`).join("");
   row.style.setProperty("--colour", one.colour);
   row.querySelector("span").textContent = one.name;
   row.querySelector("input").addEventListener("change", (event) => {
@@ -42,9 +47,9 @@ function tellValues(k) {
     const tell = (kind, text) => { row.querySelector(`.${kind}`).textContent = text; };
     tell("error", fixed(at(one.error, k), 2));
     tell("speed", fixed(speed(one, k), 2));
-    tell("ellipse-axes", there ? `${fixed(at(one.major, k), 2)} × ${fixed(at(one.minor, k), 2)}` : "–");
-    tell("track", !there ? (k < end && k < begin ? "none yet" : "ended")
-      : (id === one.followed ? `${id}` : `${id} (another)`) + (at(one.coasted, k) ? ", coasting" : ""));
+    tell("ellipse-axes", there ? axes(one, k) : "–");
+    tell("track", there ? `${id}${id === one.followed ? "" : " (another)"}` +
+      `${at(one.coasted, k) ? ", coasting" : ""}` : k < begin ? "none yet" : "ended");
     tell("weights", diagnosed(one, k).join(" · ") || "–");
   });
 }
@@ -54,8 +59,9 @@ function draw() {
   for (const view of views) view.draw(things);
   chart.draw();
   slider.value = k;
-  slider.setAttribute("aria-valuetext", `${seconds(k).toFixed(1)} s since the gap began`);
-  $(".time").textContent = `${seconds(k) < 0 ? "−" : "+"}${Math.abs(seconds(k)).toFixed(1)} s, frame ${scene.first + k}`;
+  slider.setAttribute("aria-valuetext", `${fixed(seconds(k), 1)} s since the gap began`);
+  const since = `${seconds(k) < 0 ? "−" : "+"}${Math.abs(seconds(k)).toFixed(1)} s`;
+  $(".time").textContent = `${since}, frame ${scene.first + k}`;
   tellState(k);
   tellValues(k);
   if (hovered) showTip();
@@ -75,7 +81,7 @@ function pause() {
 }
 
 function tellPlaying() {
-  $(".play").setAttribute("aria-pressed", playing);
+  player.dataset.playing = playing;
   $(".play").setAttribute("aria-label", playing ? "pause" : "play");
 }
 
@@ -101,9 +107,9 @@ const toggle = () => { if (playing) { pause(); draw(); } else play(); };
 
 /** Place of a pointer in an SVG's own units. */
 const place = (svg, event) => {
-  const box_ = svg.getBoundingClientRect(), own = svg.viewBox.baseVal;
-  return [((event.clientX - box_.left) / box_.width) * own.width,
-          ((event.clientY - box_.top) / box_.height) * own.height];
+  const shown = svg.getBoundingClientRect(), own = svg.viewBox.baseVal;
+  return [((event.clientX - shown.left) / shown.width) * own.width,
+          ((event.clientY - shown.top) / shown.height) * own.height];
 };
 
 function told(view, point) {
@@ -118,13 +124,13 @@ function told(view, point) {
             `position ${fixed(at(one.x, k), 2)}, ${fixed(at(one.y, k), 2)} m`,
             `error ${fixed(at(one.error, k), 2)} m`,
             `speed ${fixed(speed(one, k), 2)} m/s`,
-            `95 % ellipse ${fixed(at(one.major, k), 2)} × ${fixed(at(one.minor, k), 2)} m`,
+            `95 % ellipse ${axes(one, k)} m`,
             diagnosed(one, k).join(" · "),
             ...others.map((other) => `${other.name}: error ${fixed(at(other.error, k), 2)} m`),
     ].filter(Boolean).join("\n");
   }
   return world().objects.filter(({ own }) => inside(corners(own), { x: metres[0], y: metres[1] }))
-    .map(({ one }) => `${one.kind} ${one.id}${one === focus ? " (truth)" : ""}, ${at(one.regime, k)}\n` +
+    .map(({ one }) => `${one.kind} ${one.id}, ${at(one.regime, k)} (truth)\n` +
       `position ${fixed(at(one.x, k), 2)}, ${fixed(at(one.y, k), 2)} m\n` +
       `speed ${fixed(speed(one, k), 2)} m/s, ${Math.round(100 * at(one.visible, k))} % visible`)
     .join("\n\n");

@@ -79,8 +79,7 @@ def scene(
         "focus": focus,
         "view": view,
         "close": _close_up(filters, gap, played),
-        "sensor": {name: _column(values, DRAWN) for name, values in ego.items()}
-        | {"height": float(trace.ego.z[gap[0]])},
+        "sensor": {name: _column(values, DRAWN) for name, values in ego.items()},
         "objects": _objects(trace, played, view, focus),
         "detections": _detections(detections, played, view, focus),
         "filters": [_told(one) for one in filters],
@@ -211,9 +210,10 @@ def _near(x: FloatArray, y: FloatArray, view: Mapping[str, float]) -> Any:
 def _objects(
     trace: Trace, played: range, view: Mapping[str, float], focus: int
 ) -> list[dict[str, Any]]:
-    """Everything that is ever in the view, and the object itself."""
+    """Everything that is ever in the view, and the object itself; tall: taller than the sensor."""
     rows = np.arange(int(trace.frame_start[played.start]), int(trace.frame_start[played.stop]))
     near = _near(trace.x[rows], trace.y[rows], view)
+    top = trace.z + trace.height / 2
     found = []
     for object_id in np.union1d(trace.object_id[rows[near]], [focus]).tolist():
         first = rows[trace.object_id[rows] == object_id][0]
@@ -223,7 +223,7 @@ def _objects(
             {
                 "id": object_id,
                 "kind": KINDS[trace.kind[first]],
-                "height": round(float(trace.height[first]), 3),
+                "tall": bool(top[first] > trace.ego.z[trace.frame[first]]),
                 "regime": _constant(
                     [
                         None if np.isnan(code) else REGIMES[int(code)].replace("_", " ")

@@ -24,7 +24,8 @@ const angle = (column) => {
   if (a === null || b === null) return a;
   return a + (now - k) * Math.atan2(Math.sin(b - a), Math.cos(b - a));
 };
-const fixed = (value, decimals) => (value === null ? "–" : value.toFixed(decimals).replace("-", "−"));
+const fixed = (value, decimals) =>
+  (value === null ? "–" : value.toFixed(decimals).replace("-", "−"));
 const speed = (one, k) => {
   const vx = at(one.vx, k), vy = at(one.vy, k);
   return vx === null || vy === null ? null : Math.hypot(vx, vy);
@@ -45,8 +46,8 @@ function world() {
   const sensor = { x: between(scene.sensor.x), y: between(scene.sensor.y),
                    yaw: angle(scene.sensor.yaw) };
   const objects = scene.objects.filter((one) => at(one.x, frame()) !== null).map((one) => {
-    const own = box(one), tall = one.height > scene.sensor.height;
-    return { one, own, tall, shadow: tall && one !== focus ? shadow(sensor, own) : null };
+    const own = box(one);
+    return { one, own, shadow: one.tall && one !== focus ? shadow(sensor, own) : null };
   });
   const target = objects.find((object) => object.one === focus);
   for (const object of objects)
