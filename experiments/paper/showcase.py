@@ -16,12 +16,11 @@ from matplotlib.figure import Figure
 
 import scenarios
 import sim_bridge
-from experiments import figures
 from experiments.engine import RunFailed
 from experiments.jobs import as_rows
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
 from experiments.phases import gap_errors
-from experiments.playback import playback
+from experiments.playback import playback, still
 from experiments.playback.scene import estimates, gap_of, played_frames
 from experiments.population import SCORED_RANGE, SCORED_VISIBLE
 from mdkf import Detections, Trace, Tracker, Tracks, estimator
@@ -186,19 +185,14 @@ class Shown:
 
     def page(self) -> str:
         """The playback."""
-        return playback(
-            self.trace,
-            self.detections,
-            self.tracks,
-            focus=self.hidden.object_id,
-            gap=self.hidden.gap,
-            title=self.title(),
-        )
+        tables = self.trace, self.detections, self.tracks
+        title = self.title()
+        return playback(*tables, focus=self.hidden.object_id, gap=self.hidden.gap, title=title)
 
     def draw(self) -> Figure:
-        """The figure that stands still."""
-        gap = (self.hidden.object_id, *self.hidden.gap)
-        return figures.gap_figure(self.trace, self.detections, self.tracks, self.errors, gap)
+        """The playback, standing still."""
+        tables = self.trace, self.detections, self.tracks
+        return still(*tables, focus=self.hidden.object_id, gap=self.hidden.gap)
 
 
 @cache

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Polygon
 from scipy import stats
 
 import mdkf
 import scenarios
 import sim_bridge
-from experiments.playback import playback
+from experiments.playback import playback, still
 from experiments.playback.scene import scene
 from mdkf import Detections, Trace, Tracks
 from tests.experiments.browser import Browser, Page, needs_browser
@@ -395,6 +396,37 @@ def test_the_still_is_the_last_frame_without_a_detection(tables: Tables) -> None
     trace, detections, tracks = tables
     found = scene(trace, detections, tracks, FOCUS, (GAP[0], GAP[1] + 3), None, "")
     assert found["first"] + found["still"] == GAP[1] - 1
+
+
+def test_the_figure_for_paper_is_drawn_from_the_same_tables(tables: Tables) -> None:
+    """Its errors are those of the tracks, its dashed box in each moment is the car's, and the
+    shadow is what the bus hides: its sides touch the bus and point away from the sensor."""
+    trace, detections, tracks = tables
+    figure = still(trace, detections, tracks, focus=FOCUS, gap=GAP)
+    above, errors = figure.axes[0], figure.axes[4]
+    for name, line in zip(FILTERS, errors.lines, strict=True):
+        drawn = np.asarray(line.get_ydata())
+        for frame in (60, 100, 110, 135):
+            assert f"{drawn[frame - 60]:.2f}" == believed(tables, name, frame)["error"]
+    polygons = [patch for patch in above.patches if isinstance(patch, Polygon)]
+    (truth,) = (
+        p for p in polygons if p.get_linestyle() == "--" and p.get_edgecolor()[:3] == (0, 0, 0)
+    )
+    row = np.flatnonzero((trace.object_id == FOCUS) & (trace.frame == GAP[0]))[0]
+    half = np.array([trace.length[row], trace.width[row]]) / 2
+    middle = np.array([trace.x[row], trace.y[row]])
+    assert np.abs(np.abs(truth.get_xy()[:4] - middle) - half).max() < 2e-3
+    bus = np.flatnonzero((trace.object_id == 0) & (trace.frame == GAP[0]))[0]
+    (shadow,) = (p for p in polygons if p.get_alpha() == 0.14)
+    near_right, far_right, far_left, near_left = shadow.get_xy()[:4]
+    front, back = (trace.x[bus] + sign * trace.length[bus] / 2 for sign in (1, -1))
+    side = trace.y[bus] - trace.width[bus] / 2
+    # The bus has come from the left and reaches past the sensor: its near side is all that is seen.
+    assert near_left == pytest.approx([back, side], abs=2e-3)
+    assert near_right == pytest.approx([front, side], abs=2e-3)
+    for near, far in ((near_right, far_right), (near_left, far_left)):
+        assert near[0] * far[1] - near[1] * far[0] == pytest.approx(0, abs=1e-6)
+        assert np.hypot(*far) > 500
 
 
 def test_what_cannot_be_played_is_refused(tables: Tables) -> None:
