@@ -39,7 +39,23 @@ def test_the_car_behind_the_bus_is_found(world: tuple[Trace, Detections]) -> Non
     assert not np.isin(np.arange(*found.gap), seen).any()
 
 
-@pytest.mark.parametrize("change", ["bus stands", "car drives", "bus is low", "car is missed"])
+def test_of_two_that_drive_past_the_one_between_is_named(world: tuple[Trace, Detections]) -> None:
+    """A second bus, on the other side of the sensor, hides nothing: its number comes first."""
+    trace, detections = world
+    bus = trace.object_id == BUS
+    columns = {
+        name: np.concatenate([values, values[bus]]) for name, values in trace.columns().items()
+    }
+    columns["object_id"] = np.concatenate([np.where(bus, 2, CAR), np.full(bus.sum(), 0)])
+    columns["y"] = np.concatenate([trace.y, -trace.y[bus]])
+    both = Trace.from_columns(columns, n_frames=trace.n_frames, dt=trace.dt, ego=trace.ego)
+    (found,) = hidden_cars(both, detections)
+    assert found.by == 2
+
+
+@pytest.mark.parametrize(
+    "change", ["bus stands", "car drives", "car arrives", "bus is low", "car is missed"]
+)
 def test_others_are_not(world: tuple[Trace, Detections], change: str) -> None:
     """What stands does not drive past; what drives does not stand; what is lower than the sensor
     hides by chance; a car that was hardly detected before tells of detectors."""
@@ -50,6 +66,9 @@ def test_others_are_not(world: tuple[Trace, Detections], change: str) -> None:
         trace = replace(trace, **still)
     elif change == "car drives":
         trace = replace(trace, regime=np.where(car, 1, trace.regime).astype(np.uint8))
+    elif change == "car arrives":
+        arrives = car & (trace.frame > 75) & (trace.frame < 80)
+        trace = replace(trace, regime=np.where(arrives, 2, trace.regime).astype(np.uint8))
     elif change == "bus is low":
         low = np.where(bus, 1.0, trace.height)
         trace = replace(trace, height=low, z=np.where(bus, 0.5, trace.z))

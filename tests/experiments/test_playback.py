@@ -26,7 +26,7 @@ FOCUS, GAP, PLAYED = 1, (90, 111), range(60, 136)
 """The car of `passing_bus`, the frames in which the bus hides it by its closed form, and 3 s before
 to 2.5 s after."""
 FILTERS = ("ca", "imm", "imm-zero", "md")
-EVIL = "</script><script>window.hacked = 1</script><b>&amp; <!-- 'bus' \u2028"
+EVIL = "</script><script>window.hacked = 1</script></script ><!--<script><b>&amp; <!-- 'bus' \u2028"
 
 Tables = tuple[Trace, Detections, dict[str, Tracks]]
 
