@@ -9,11 +9,13 @@ from experiments.paper import (
     dynamics,
     occlusion_tables,
     regime_tables,
+    showcase,
     switching,
 )
 from experiments.paper.item import Item
 
 _ROOMS = (
+    showcase,
     dynamics,
     denoise,
     occlusion_tables,
