@@ -46,8 +46,8 @@ _ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenario
 _HERE = Path(__file__).parent
 _SCORING = ("metrics", "states")
 _SCORERS = (
-    *("bins", "breakdown", "drift", "matched", "occlusion", "pairing", "phases", "population"),
-    *("score", "world"),
+    *("bins", "breakdown", "drift", "matched", "natural", "occlusion", "pairing", "phases"),
+    *("population", "score", "world"),
 )
 """What makes rows, of this package: rooms, and modules."""
 
