@@ -32,6 +32,7 @@ def drift(
     for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
         hidden[start:stop, np.searchsorted(ids, identifier)] = True
     noise = np.diag([settings.x_var, settings.y_var])
+    unborn = np.isfinite(measured[:, :, 0])  # what would start a filter
     estimated = np.full(true.shape, np.nan)
     state: Any = None
     alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
@@ -40,11 +41,13 @@ def drift(
             state = estimator.predict(state, trace.dt)
             variance = estimator.covariance(state).diagonal(axis1=1, axis2=2).max(axis=1)
             kept = np.flatnonzero((variance <= settings.max_variance) | hidden[k, alive])
-            state, alive = take(state, kept), alive[kept]
+            if len(kept) < len(alive):
+                state, alive = take(state, kept), alive[kept]
         if len(alive):
             z = np.ascontiguousarray(measured[k, alive])
             state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
-        born = np.setdiff1d(np.flatnonzero(np.isfinite(measured[k, :, 0])), alive)
+        unborn[k, alive] = False
+        born = np.flatnonzero(unborn[k])
         if len(born):
             z = np.ascontiguousarray(measured[k, born])
             new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
