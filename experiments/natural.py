@@ -23,6 +23,8 @@ HORIZON = 20
 """First frames of a gap that are measured: as long as the paper's longest."""
 LEFT = 10
 """Frames after a leaving car's last detection that are measured: a second at 10 Hz."""
+STEADY = 12
+"""Detections in a row that MD's longest window is formed of; it starts anew after a miss."""
 MOVING = 1.0
 """Speed as a gap begins from which a car moves [m/s]; slower ones creep in a queue."""
 
@@ -72,6 +74,13 @@ def populations(trace: Trace, detections: Detections, gaps: Gaps) -> dict[str, l
         if len(rows) == trace.n_frames and not speed.any():
             found["parked"].append((car, start, stop))
     return found
+
+
+def steady(detections: Detections, gap: Gap) -> bool:
+    """Whether the object was detected in each of the last `STEADY` frames before its gap."""
+    car, start, _ = gap
+    seen = detections.frame[detections.rows_of(car)]
+    return int(((seen >= start - STEADY) & (seen < start)).sum()) == STEADY
 
 
 def measured(gaps: Gaps) -> Gaps:

@@ -111,6 +111,7 @@ def gap_figure(path: pl.DataFrame, filters: Sequence[str]) -> Figure:
     above, over_time = figure.subplots(1, 2, width_ratios=(1.3, 1))
     if not path.is_empty():
         _draw_path(above, path, filters)
+        _widen(above)
         above.legend(
             frameon=False, fontsize=9, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14)
         )
@@ -133,9 +134,8 @@ def paths_figure(path: pl.DataFrame, orders: Orders) -> Figure:
     """The paths around a gap, a panel for each order, with a dotted line from the state that is
     nearest to the truth of each frame of the gap to the truth."""
     figure = Figure(figsize=(10, 8.4), layout="constrained")
-    for (order, names), axes in zip(orders, figure.subplots(2, 1, sharex=True), strict=True):
-        if path.is_empty():
-            continue
+    panels = figure.subplots(2, 1, sharex=True, sharey=True)
+    for (order, names), axes in zip(orders, panels if len(path) else (), strict=len(path) > 0):
         _draw_path(axes, path, names)
         true, colour_of = _positions(path, TRUTH), colours(names)
         states = {name: _positions(path, name) for name in names}
@@ -149,6 +149,7 @@ def paths_figure(path: pl.DataFrame, orders: Orders) -> Figure:
             axes.plot(*ends.T, ":", color=colour_of[nearest], linewidth=1.4)
         axes.set_title(order, fontsize=10)
         axes.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    _widen(panels[0])
     return figure
 
 
@@ -197,15 +198,18 @@ def _draw_path(axes: Axes, path: pl.DataFrame, filters: Sequence[str]) -> None:
         if own:
             ends = np.array(own).T
             axes.plot(*ends, line_style(name), color=colour, marker=".", label=name)
-    for low, high, widen, other in (
-        (*axes.get_xlim(), axes.set_xlim, axes.get_ylim()),
-        (*axes.get_ylim(), axes.set_ylim, axes.get_xlim()),
-    ):
-        missing = max((other[1] - other[0]) / STRETCH - (high - low), 0.0)
-        widen(low - missing / 2, high + missing / 2)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def _widen(axes: Axes) -> None:
+    """Limit how differently the axes are scaled."""
+    x, y = axes.get_xlim(), axes.get_ylim()
+    for (low, high), (first, last), set_limits in ((x, y, axes.set_xlim), (y, x, axes.set_ylim)):
+        missing = (last - first) / STRETCH - (high - low)
+        if missing > 0:
+            set_limits(low - missing / 2, high + missing / 2)
 
 
 def _positions(path: pl.DataFrame, name: str) -> dict[int, FloatArray]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import polars as pl
 
-from experiments.natural import HORIZON, LEFT, MOVING, SHORTEST, WARMUP
+from experiments.natural import HORIZON, LEFT, MOVING, SHORTEST, STEADY, WARMUP
 from experiments.paper import scenes
 from experiments.paper.estimates import Where
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
@@ -49,6 +49,11 @@ _FOLLOWED = (
     "The track that follows the car as the gap begins, as long as it lives; kept: gaps in which it"
     " lived and took no other detection."
 )
+_STEADY = (
+    f"steady: the car was detected in each of the {STEADY} frames before its gap, as many as MD's"
+    " window is formed of (one fewer at order 2). Otherwise MD's weights are 1 as the gap begins;"
+    " -keep keeps the window through misses."
+)
 _PAIRED = "Paired by seed; below zero MD is nearer to the truth."
 
 
@@ -78,6 +83,19 @@ def _less(
                     against={"filter": name + start},
                     decimals=3,
                 )
+
+
+def _by_steadiness(
+    cells: Cells,
+    table: str,
+    population: str,
+    scenario: str | None = None,
+) -> None:
+    """Drift by what came before the gap, also of MD that keeps its window."""
+    for name in (*FILTERS, *scenes.KEPT):
+        for column in ("steady", "unsteady"):
+            where = _where(f"{population}, {column}", "drift", name, scenario)
+            cells.add((table, name, column), where, "m", decimals=3, better="lower")
 
 
 def _stationary(rows: pl.DataFrame) -> Answer:
@@ -113,6 +131,9 @@ def _stationary(rows: pl.DataFrame) -> Answer:
         table = f"{scenario}, MD less the others"
         captions[table] = _PAIRED
         _less(cells, table, "standing", [(*one, "m") for one in ERRORS], scenario, source)
+    table = f"{STOP}, alone, by what came before"
+    captions[table] = _STEADY
+    _by_steadiness(cells, table, "standing", STOP)
     panels = [(scenario, metric) for scenario in (BUS, STOP) for metric in ("drift", "error")]
     data = curves(rows, panels, "standing")
     ((_, frame), published_drift), *_ = PAPER_STANDING.items()
@@ -146,7 +167,10 @@ def _occlusion(rows: pl.DataFrame) -> Answer:
             where = _where("moving", "drift", name, scenario)
             cells.add((by_scene, name, scenario), where, "m", better="lower")
     _less(cells, less, "moving", [(*one, "m") for one in ERRORS])
+    before = "all scenes, alone, by what came before"
+    _by_steadiness(cells, before, "moving")
     captions = {
+        before: _STEADY,
         table: f"{_SPREAD} {_FOLLOWED} {_GAP} Moving: {MOVING:g} m/s or more as it begins.",
         less: _PAIRED,
     }

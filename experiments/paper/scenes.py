@@ -23,6 +23,7 @@ from experiments.natural import (
     natural_gaps,
     populations,
     rows_of,
+    steady,
 )
 from experiments.occlusion import Gaps
 from experiments.paper import worlds
@@ -38,6 +39,11 @@ OCCLUSION = "natural"
 
 SUMO_SHARE = 4
 """One in so many seeds of what SUMO simulates: a seed of it holds many cars, and costs as much."""
+
+KEPT = ("md-keep", "md3-keep")
+"""MD whose window outlives a gap."""
+ALONE_ONLY = (*RETUNED, *KEPT)
+"""Filters whose drift is measured alone, over all frames."""
 
 DRAWN_SEED = 0
 """The seed whose cars are drawn."""
@@ -73,7 +79,9 @@ class Scene:
         """None if the seed was refused, or no car is hidden in it; else by filter and bin
 
         drift, drift sd: mean and standard deviation of the filter's own errors in the measured
-            frames of all gaps [m]; with the retuned start too.
+            frames of all gaps [m]; the mean also of the gaps before which the car was detected in
+            each of so many frames that MD's window is formed, as `moving, steady`, and of the
+            others, as `moving, unsteady`. Of `ALONE_ONLY` there is nothing else.
         error, error sd: of the track that follows the car, as long as it lives [m]. Both means also
             by frame of the gap, counted from 1, as `moving, frame 3`.
         kept: gaps in which that track lived and took no other detection [%].
@@ -115,7 +123,7 @@ def _measured(trace: Trace, detections: Detections, drawn: bool) -> Iterator[dic
     settings = DETECTORS[DETECTOR]
     tracks = {name: Tracker(estimator(name), settings).run(detections) for name in FILTERS}
     every = []
-    for name in (*FILTERS, *RETUNED):
+    for name in (*FILTERS, *ALONE_ONLY):
         own = _in_gaps(gaps)
         if name in tracks:
             own = _followed(own, trace, tracks[name], gaps)
@@ -126,7 +134,7 @@ def _measured(trace: Trace, detections: Detections, drawn: bool) -> Iterator[dic
     for name, own_gaps in bins.items():
         if own_gaps:
             part = errors.join(
-                _starts(own_gaps), on=["object_id", "gap_start"], how="semi", maintain_order="left"
+                _starts(detections, own_gaps), on=["object_id", "gap_start"], maintain_order="left"
             )
             for one in _scores(part):
                 yield {**one, "bin": name + one.get("bin", "")}
@@ -145,9 +153,10 @@ def _in_gaps(gaps: Gaps) -> pl.DataFrame:
     return pl.DataFrame(rows, ["object_id", "gap_start", "frame", "nth", "last"], orient="row")
 
 
-def _starts(gaps: Sequence[Gap]) -> pl.DataFrame:
-    """object_id, gap_start."""
-    return pl.DataFrame([gap[:2] for gap in gaps], ["object_id", "gap_start"], orient="row")
+def _starts(detections: Detections, gaps: Sequence[Gap]) -> pl.DataFrame:
+    """object_id, gap_start, steady."""
+    rows = [(*gap[:2], steady(detections, gap)) for gap in gaps]
+    return pl.DataFrame(rows, ["object_id", "gap_start", "steady"], orient="row")
 
 
 def _followed(frames: pl.DataFrame, trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
@@ -184,6 +193,9 @@ def _scores(errors: pl.DataFrame) -> Iterator[dict[str, Any]]:
     """The scores of one population."""
     for (name,), own in errors.group_by("filter", maintain_order=True):
         scored = {"filter": str(name)}
+        for (before,), part in own.group_by("steady", maintain_order=True):
+            at = {"bin": ", steady" if before else ", unsteady", "metric": "drift"}
+            yield {**scored, **at, "value": part["drift"].mean(), "n": len(part)}
         for metric in ("drift", "error"):
             values = own[metric].drop_nulls()
             yield {**scored, "metric": metric, "value": values.mean(), "n": len(values)}

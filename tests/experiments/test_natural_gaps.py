@@ -7,8 +7,17 @@ import pytest
 
 import scenarios
 import sim_bridge
-from experiments.natural import leaving_gaps, measured, natural_gaps, populations, rows_of
-from mdkf import Detections, Trace
+from experiments.natural import (
+    STEADY,
+    leaving_gaps,
+    measured,
+    natural_gaps,
+    populations,
+    rows_of,
+    steady,
+)
+from mdkf import Detections, Trace, estimator
+from mdkf.sequence import filter_sequence
 from mdkf.tables import KINDS
 from tests.tables import gaps_of, trace_of
 
@@ -101,6 +110,30 @@ def test_populations_are_by_what_the_car_does(speed: list[float], expected: set[
     assert {name for name, own in found.items() if own} == expected
     assert all(own in ([], [(7, 20, 45)]) for own in found.values())
     assert rows_of(measured(gaps)) == [(7, 20, 40)]
+
+
+@pytest.mark.parametrize(
+    ("missed", "expected"), [([], True), ([18], True), ([19], False), ([30], False)]
+)
+def test_steady_is_twelve_detections_in_a_row(missed: list[int], expected: bool) -> None:
+    """Before a gap that begins with frame 31: from frame 19 to frame 30."""
+    _, detections = scene(range(31, 40), [*missed, *range(31, 40)])
+    assert steady(detections, (7, 31, 40)) == expected
+
+
+def test_mds_windows_are_formed_of_as_many() -> None:
+    """With one detection fewer MD is the plain filter, with as many it is not."""
+    noise = np.random.default_rng(0).normal(0, 0.1, (STEADY, 1, 2))
+    alike = []
+    for n in (STEADY - 1, STEADY):
+        gap = np.full((5, 1, 2), np.nan)
+        seen = np.concatenate([noise[:n], gap])
+        both = (
+            filter_sequence(estimator(name), seen, np.eye(2) / 50, 0.1) for name in ("cj", "md3")
+        )
+        plain, weighted = (one.position[-1] for one in both)
+        alike.append(np.array_equal(plain, weighted))
+    assert alike == [True, False]
 
 
 def test_a_short_gap_is_measured_whole() -> None:

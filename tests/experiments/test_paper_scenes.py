@@ -129,6 +129,21 @@ def test_the_retuned_start_stands_beside() -> None:
         assert value(0, filter=f"{name}-retuned", **where) != value(0, filter=name, **where)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_drift_is_told_apart_by_what_came_before(seed: int) -> None:
+    """With one gap all of it is steady, or all of it is not, also of MD that keeps its window."""
+    _, detections, (car, start, _) = world(seed)
+    seen = set(detections.frame[detections.rows_of(car)].tolist())
+    steady = set(range(start - 12, start)) <= seen
+    for name in ("imm", "md", "md-keep"):
+        own = rows(seed).filter(
+            pl.col("bin").is_in(["standing, steady", "standing, unsteady"]), filter=name
+        )
+        assert own["bin"].to_list() == ["standing, steady" if steady else "standing, unsteady"]
+        whole = value(seed, filter=name, bin="standing", metric="drift")
+        assert own["value"].item() == pytest.approx(whole)
+
+
 @cache
 def answered(item: str) -> Answer:
     """An item's answer from the closed form alone."""
