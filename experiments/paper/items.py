@@ -9,6 +9,7 @@ from experiments.paper import (
     dynamics,
     occlusion_tables,
     regime_tables,
+    scene_items,
     showcase,
     switching,
 )
@@ -18,6 +19,7 @@ _ROOMS = (
     showcase,
     dynamics,
     denoise,
+    scene_items,
     occlusion_tables,
     regime_tables,
     switching,
