@@ -59,14 +59,12 @@ class Than(Settings):
 
     filter: Text = ""
     against: list[Text] = Field(default_factory=list)
-    scenario: Text = ""
     occlusion: Text = ""
     bin: Text = ""
 
     def columns(self) -> dict[str, str]:
         """The columns that are replaced on both sides."""
-        names = ("scenario", "occlusion", "bin")
-        return {name: getattr(self, name) for name in names if getattr(self, name)}
+        return {name: getattr(self, name) for name in ("occlusion", "bin") if getattr(self, name)}
 
 
 class Contrast(Settings):

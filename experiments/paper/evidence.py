@@ -90,9 +90,12 @@ def evidence_of_recordings(values: pl.DataFrame, limit: float = 0.0) -> Evidence
 
 
 def _mean_and_error(clusters: FloatArray, axis: int) -> FloatArray:
-    """Mean and its standard error of clusters (..., n) along an axis: (2, ...)."""
-    error = clusters.std(axis=axis, ddof=1) / np.sqrt(clusters.shape[axis])
-    return np.stack([clusters.mean(axis=axis), error])
+    """Mean and its standard error of clusters (..., n) along an axis: (2, ...); of equal ones
+    exactly they and 0, not what rounding leaves."""
+    first, equal = clusters.take(0, axis=axis), np.ptp(clusters, axis=axis) == 0
+    mean = np.where(equal, first, clusters.mean(axis=axis))
+    error = np.where(equal, 0.0, clusters.std(axis=axis, ddof=1) / np.sqrt(clusters.shape[axis]))
+    return np.stack([mean, error])
 
 
 def _ratio(numerator: FloatArray, error: FloatArray) -> FloatArray:

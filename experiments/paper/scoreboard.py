@@ -11,7 +11,7 @@ recordings changes nothing of what simulation says.
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -157,7 +157,6 @@ def trial(
         return Trial(claim, source, reason=getattr(claim, source).untestable)
     study = asked[0].where["study"]
     own = rows.filter(study=study, metric=claim.metric)
-    limit = _scaled(claim.measure, claim.threshold)
     pairs, found = [], []
     for part in asked:
         values = values_of(own, part, claim.measure)
@@ -165,7 +164,7 @@ def trial(
             return Trial(claim, source, reason=f"no rows: {_told(part)}")
         if values.select("scenario", "seed").is_duplicated().any():
             return Trial(claim, source, reason=f"several rows of one seed: {_told(part)}")
-        one = _evidence(values, study, limit, resamples)
+        one = _evidence(values, study, claim.measure, claim.threshold, resamples)
         if np.isnan(one.above):
             return Trial(claim, source, reason=f"one value alone: {_told(part)}")
         pairs.append(values)
@@ -177,26 +176,22 @@ def values_of(rows: pl.DataFrame, part: Part, measure: str) -> pl.DataFrame:
     """scenario, seed and value of a part: paired differences, of logarithms for a ratio."""
     if measure == "ratio":
         rows = rows.filter(pl.col("value") > 0).with_columns(pl.col("value").log())
-    own = _contrast(rows, part.where, part.against)
-    if part.than is None:
-        return own
-    other = _contrast(rows, {**part.where, **part.than}, part.than_against)
-    if "scenario" in part.than:
-        # Pairs are of the same seed (or round) of two scenarios.
-        same = pl.lit(part.than["scenario"])
-        own, other = own.with_columns(scenario=same), other.with_columns(scenario=same)
-    both = own.join(other, on=["scenario", "seed"], suffix="_than", nulls_equal=True)
-    return both.select("scenario", "seed", pl.col("value") - pl.col("value_than"))
+    values = _contrast(rows, part.where, part.against)
+    if part.than is not None:
+        other = _contrast(rows, {**part.where, **part.than}, part.than_against)
+        both = values.join(other, on=["scenario", "seed"], suffix="_than", nulls_equal=True)
+        values = both.select("scenario", "seed", pl.col("value") - pl.col("value_than"))
+    # Jobs that overlap have the same row each.
+    return values.unique()
 
 
 def again(rows: pl.DataFrame, line: Mapping[str, Any]) -> Evidence:
-    """The evidence of the part that a line of the verdicts shows, from the rows that it names;
-    of a ratio's logarithm."""
+    """The evidence of the part that a line of the verdicts shows, from the rows that it names."""
     where: Where = json.loads(line["where"])
     also = ("against", "than", "than_against")
     part = Part(where, *(None if line[name] is None else json.loads(line[name]) for name in also))
-    limit = _scaled(line["measure"], line["limit"])
-    return _evidence(values_of(rows, part, line["measure"]), where["study"], limit, RESAMPLES)
+    values = values_of(rows, part, line["measure"])
+    return _evidence(values, where["study"], line["measure"], line["limit"], RESAMPLES)
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -245,10 +240,9 @@ def table(board: pl.DataFrame) -> Table:
 def _measured(line: Mapping[str, Any]) -> str:
     """The metric with its unit, and the limit if it is not that of no effect."""
     unit = f" [{line['unit']}]" if line["unit"] else ""
-    ratio = " ratio" if line["measure"] == "ratio" else ""
     beyond = ">" if line["better"] == "higher" else "<"
     limit = f" {beyond} {line['limit']:g}" if line["limit"] not in (0.0, 1.0) else ""
-    return f"{line['metric']}{ratio}{unit}{limit}"
+    return f"{line['metric']}{unit}{limit}"
 
 
 def _told_verdict(line: Mapping[str, Any]) -> str:
@@ -265,10 +259,19 @@ def _contrast(rows: pl.DataFrame, where: Where, against: Where | None) -> pl.Dat
     return chosen(rows, where) if against is None else paired(rows, where, against)
 
 
-def _evidence(values: pl.DataFrame, study: str, limit: float, resamples: int) -> Evidence:
-    if study == RECORDED:
-        return evidence_of_recordings(values, limit)
-    return evidence(values, limit, resamples)
+def _evidence(
+    values: pl.DataFrame, study: str, measure: str, limit: float, resamples: int
+) -> Evidence:
+    """Of a ratio, tested by its logarithm, back as a ratio."""
+    scaled = _scaled(measure, limit)
+    recorded = study == RECORDED
+    found = (
+        evidence_of_recordings(values, scaled) if recorded else evidence(values, scaled, resamples)
+    )
+    if measure != "ratio":
+        return found
+    effect, low, high = (float(value) for value in np.exp([found.effect, found.low, found.high]))
+    return replace(found, effect=effect, low=low, high=high)
 
 
 def _scaled(measure: str, value: float) -> float:
@@ -301,9 +304,8 @@ def _line(test: Trial, corrected: float) -> dict[str, Any]:
     verdict = test.verdict(corrected)
     place = test.shown(verdict)
     part, one = test.parts[place], test.found[place]
-    back = np.exp if claim.measure == "ratio" else float
-    shown = {"effect": back(one.effect), "low": back(one.low), "high": back(one.high)}
-    line |= {name: float(value) if np.isfinite(value) else None for name, value in shown.items()}
+    for name in ("effect", "low", "high"):
+        line[name] = getattr(one, name) if np.isfinite(getattr(one, name)) else None
     for name in ("where", "against", "than", "than_against"):
         chosen_rows = getattr(part, name)
         line[name] = None if chosen_rows is None else json.dumps(dict(chosen_rows))

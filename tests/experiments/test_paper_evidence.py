@@ -90,6 +90,16 @@ def test_nothing_is_no_evidence() -> None:
         assert found.effect == found.low == found.high == limit
 
 
+def test_values_that_are_all_alike_have_no_error() -> None:
+    """An effect that never varies is as sure as draws can tell; draws of one seed alone, three
+    times, bound nothing, rather than by what rounding leaves of them."""
+    found = evidence(values_of(np.full((18, 2), 0.1)), 0.0, 999)
+    assert (found.above, found.below) == (1 / 1000, 1.0)
+    assert found.low == found.high == found.effect
+    three = evidence(values_of(np.array([[0.1, 0.3, 0.7]])), 0.0, 999)
+    assert (three.low, three.high) == (-np.inf, np.inf)
+
+
 def test_one_scenario_that_differs_is_not_enough() -> None:
     """Seventeen that do not: many draws have none but those, and nothing bounds the effect."""
     values = np.zeros((18, 4))
