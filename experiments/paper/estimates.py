@@ -11,6 +11,7 @@ Recorded values are of all sequences together, their interval by jackknife over 
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -68,26 +69,42 @@ def estimate(
     """The estimate of the rows asked for, or of their paired differences from others."""
     values = chosen(rows, where) if against is None else paired(rows, where, against)
     if where.get("study") == RECORDED:
-        return _of_recordings(values)
+        return of_recordings(values)
     return cluster_bootstrap(values, resamples)
 
 
 def cluster_bootstrap(values: pl.DataFrame, resamples: int = RESAMPLES) -> Estimate:
     """The estimate of values by scenario and seed; the same values give the same draws."""
-    own = [
-        group["value"].to_numpy()
-        for _, group in values.sort("scenario", "seed").group_by("scenario", maintain_order=True)
-    ]
+    own = by_scenario(values)
     n, scenarios = sum(map(len, own)), len(own)
     if n == 0:
         return Estimate(np.nan, np.nan, np.nan, 0, 0)
     mean = float(np.mean([group.mean() for group in own]))
     if n == 1:
         return Estimate(mean, np.nan, np.nan, 1, 1)
-    sample, statistic = (own[0], np.mean) if scenarios == 1 else _two_stages(own)
-    found = stats.bootstrap(
+    found = drawn(own, lambda clusters, axis: clusters.mean(axis=axis), resamples)
+    low, high = found.confidence_interval
+    return Estimate(mean, float(low), float(high), n, scenarios, found.bootstrap_distribution)
+
+
+def by_scenario(values: pl.DataFrame) -> list[FloatArray]:
+    """The values of each scenario (seeds,), in the order of scenarios and seeds."""
+    groups = values.sort("scenario", "seed").group_by("scenario", maintain_order=True)
+    return [group["value"].to_numpy() for _, group in groups]
+
+
+def drawn(
+    own: Sequence[FloatArray], statistic: Callable[[FloatArray, int], FloatArray], resamples: int
+) -> Any:
+    """scipy's bootstrap of a statistic of clusters: the means of scenarios that are drawn, each
+    over its seeds drawn anew; with a single scenario its seeds are the clusters.
+
+    own: two values at least. statistic: of clusters (..., n) along an axis.
+    """
+    sample, clusters = (own[0], _themselves) if len(own) == 1 else _two_stages(own)
+    return stats.bootstrap(
         (sample,),
-        statistic,
+        lambda chosen, axis: statistic(clusters(chosen), axis),
         n_resamples=resamples,
         batch=250,
         vectorized=True,
@@ -95,12 +112,14 @@ def cluster_bootstrap(values: pl.DataFrame, resamples: int = RESAMPLES) -> Estim
         method="percentile",
         rng=np.random.default_rng(1),
     )
-    low, high = found.confidence_interval
-    return Estimate(mean, float(low), float(high), n, scenarios, found.bootstrap_distribution)
 
 
-def _two_stages(own: Sequence[FloatArray]) -> tuple[IntArray, Callable[..., FloatArray]]:
-    """What is drawn first, the scenarios by number, and the mean over drawn ones, for which the
+def _themselves(values: FloatArray) -> FloatArray:
+    return values
+
+
+def _two_stages(own: Sequence[FloatArray]) -> tuple[IntArray, Callable[[IntArray], FloatArray]]:
+    """What is drawn first, the scenarios by number, and the means of drawn ones, for which the
     seeds of each are drawn anew."""
     sizes = np.array(list(map(len, own)))
     padded = np.zeros((len(own), sizes.max()))
@@ -108,18 +127,18 @@ def _two_stages(own: Sequence[FloatArray]) -> tuple[IntArray, Callable[..., Floa
         padded[place, : len(values)] = values
     random = np.random.default_rng(0)
 
-    def mean(scenario: IntArray, axis: int) -> FloatArray:
+    def means(scenario: IntArray) -> FloatArray:
         size = sizes[scenario][..., None]
         seed = (random.random((*scenario.shape, padded.shape[1])) * size).astype(np.int64)
         there = np.arange(padded.shape[1]) < size
         totals = np.where(there, padded[scenario[..., None], seed], 0.0).sum(axis=-1)
-        means: FloatArray = (totals / size[..., 0]).mean(axis=axis)
-        return means
+        found: FloatArray = totals / size[..., 0]
+        return found
 
-    return np.arange(len(own)), mean
+    return np.arange(len(own)), means
 
 
-def _of_recordings(values: pl.DataFrame) -> Estimate:
+def of_recordings(values: pl.DataFrame) -> Estimate:
     """All sequences together, with the jackknife interval."""
     whole = pl.col("scenario").str.contains("-").not_()
     overall = values.filter(whole)["value"]
