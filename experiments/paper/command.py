@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
+import polars as pl
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -14,7 +15,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments.engine import RunFailed
 from experiments.options import Json
+from experiments.paper import scoreboard
 from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
@@ -60,17 +63,26 @@ def paper(
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("jobs", total=None)
-        results = run(
-            chosen,
-            size,
-            out,
-            workers,
-            lambda done, of: bar.update(task, completed=done, total=of),
-        )
+        try:
+            results = run(
+                chosen,
+                size,
+                out,
+                workers,
+                lambda done, of: bar.update(task, completed=done, total=of),
+            )
+        except (KeyboardInterrupt, RunFailed):
+            told = f"what was done is kept in {out}: the same command goes on from there"
+            console.print(told, highlight=False, markup=False)
+            raise
     line = shlex.join(["mdkf", *sys.argv[1:]])
-    page = write_report(chosen, results.answers, results.cells, size, out, line)
+    page = write_report(chosen, results.answers, results.cells, results.verdicts, size, out, line)
     if as_json:
-        document = {"rows": results.cells.to_dicts(), "report": str(page)}
+        document = {
+            "rows": results.cells.to_dicts(),
+            "claims": results.verdicts.to_dicts(),
+            "report": str(page),
+        }
         print(json.dumps(document, allow_nan=False))
         return
     shown = Console() if Console().is_terminal else Console(width=WIDTH)
@@ -78,6 +90,9 @@ def paper(
         shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
         for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
+    if names is None or results.verdicts.filter(pl.col("reason").is_null()).height:
+        tested = results.verdicts.filter(pl.col("reason").is_null().any().over("id"))
+        shown.print(scoreboard.table(tested), highlight=False)
     print(f"report: {page}")
 
 

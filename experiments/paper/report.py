@@ -12,8 +12,10 @@ import polars as pl
 from markupsafe import Markup
 
 from experiments.page import svg, write_page
+from experiments.paper.claims import SOURCES
 from experiments.paper.item import Answer, Item
 from experiments.paper.scale import Scale
+from experiments.paper.scoreboard import counts
 from experiments.paper.tables import best, headings, sample, told_value
 
 NAME = "report.html"
@@ -23,6 +25,7 @@ def write_report(
     items: Sequence[Item],
     answers: Mapping[str, Answer],
     cells: pl.DataFrame,
+    verdicts: pl.DataFrame,
     scale: Scale,
     out: Path,
     command: str,
@@ -35,6 +38,8 @@ def write_report(
         path,
         scale=scale,
         command=command,
+        claims=list(_claims(verdicts)),
+        counts=counts(verdicts),
         items=[
             {
                 "item": item,
@@ -45,6 +50,14 @@ def write_report(
         ],
     )
     return path
+
+
+def _claims(verdicts: pl.DataFrame) -> Iterator[dict[str, Any]]:
+    """The claims that are tested here, in the order of the paper, with their verdicts by source; of
+    those that are not, why."""
+    for (name,), own in verdicts.with_row_index("row").group_by("id", maintain_order=True):
+        lines = {line["source"]: line for line in own.to_dicts()}
+        yield {"id": name, **lines["synthetic"], "sources": [lines[source] for source in SOURCES]}
 
 
 def _tables(cells: pl.DataFrame, answer: Answer) -> Iterator[dict[str, Any]]:

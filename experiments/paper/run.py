@@ -2,6 +2,7 @@
 
 Files in the output folder: `jobs/` (what is done, a file for each job), `runs.parquet` (all
 their rows), `results.parquet` (a row for each number that is shown: `experiments.paper.item`),
+`claims.parquet` (a row for each claim and source: `experiments.paper.scoreboard`),
 `figures/NAME.svg`, `.png` and `.parquet` (a figure and what is drawn in it).
 """
 
@@ -17,6 +18,7 @@ from experiments.jobs import Job, Store
 from experiments.paper import worlds
 from experiments.paper.item import CELLS, Answer, Item
 from experiments.paper.scale import Scale
+from experiments.paper.scoreboard import judge
 from experiments.warm_up import compile_sensing, compile_tracking
 from sim_bridge.parquet import replacing, write_frame
 
@@ -25,11 +27,13 @@ DOTS_PER_INCH = 150
 
 @dataclass(frozen=True)
 class Results:
-    """rows: of all jobs. cells: every number shown. answers: by item."""
+    """rows: of all jobs. cells: every number shown. answers: by item. verdicts: on the claims that
+    there are rows for, and on all others that there are none."""
 
     rows: pl.DataFrame
     cells: pl.DataFrame
     answers: Mapping[str, Answer]
+    verdicts: pl.DataFrame
 
 
 def run(
@@ -51,11 +55,13 @@ def run(
     jobs.do(wanted, store, workers, lambda done: progress(done, len(wanted)), warm_up)
     rows = store.rows(wanted)
     answers = {item.id: item.answer(rows) for item in items}
+    verdicts = judge(rows)
     cells = pl.concat([answer.cells for answer in answers.values()] or [pl.DataFrame(schema=CELLS)])
     write_frame(rows, out / "runs.parquet")
     write_frame(cells, out / "results.parquet")
+    write_frame(verdicts, out / "claims.parquet")
     _draw(answers, out / "figures")
-    return Results(rows, cells, answers)
+    return Results(rows, cells, answers, verdicts)
 
 
 def _first_of_group(wanted: Sequence[Job]) -> Callable[[Job], int]:

@@ -20,6 +20,6 @@ class Scale:
         return replace(self, name=name, worlds=seeds, scenes=seeds, monte_carlo=seeds)
 
 
-QUICK = Scale("quick", worlds=2, scenes=12, monte_carlo=60, rounds=7)
-FULL = Scale("full", worlds=24, scenes=200, monte_carlo=500, rounds=31)
+QUICK = Scale("quick", worlds=1, scenes=12, monte_carlo=60, rounds=7)
+FULL = Scale("full", worlds=12, scenes=200, monte_carlo=500, rounds=31)
 SCALES = {scale.name: scale for scale in (QUICK, FULL)}

@@ -55,7 +55,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def results(out: Path) -> Results:
     """Two scenarios, two seeds."""
     found = run([ITEM], QUICK, out, workers=1)
-    write_report([ITEM], found.answers, found.cells, QUICK, out, "mdkf paper <small>")
+    write_report(
+        [ITEM], found.answers, found.cells, found.verdicts, QUICK, out, "mdkf paper <small>"
+    )
     return found
 
 
