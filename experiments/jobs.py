@@ -44,7 +44,7 @@ ROWS = {
 _PACKAGES = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
 _ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
 _HERE = Path(__file__).parent
-_SCORING = ("metrics", "states")
+_SCORING = ("kitti", "metrics", "states")
 _SCORERS = (
     *("bins", "breakdown", "drift", "matched", "occlusion", "pairing", "phases", "population"),
     *("score", "world"),
