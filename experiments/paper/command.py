@@ -72,6 +72,7 @@ def paper(
         shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
         for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
+        shown.print(f"[dim]{escape(item.caption)}[/dim]\n", highlight=False)
 
 
 def _chosen(names: list[str] | None) -> list[Item]:
