@@ -23,8 +23,10 @@ def gains_figure(gains: pl.DataFrame) -> Figure:
     for axes, table in zip(panels.flat, tables, strict=False):
         _panel(axes, gains.filter(table=table))
         axes.set_title(table, fontsize=10)
+    for axes in panels[:, -1]:
+        axes.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for axes in panels[-1]:
-        axes.set_xlabel("MD less the other filter [points], 95 % interval")
+        axes.set_xlabel("gain of MD [points], bar: 95 % interval")
     return figure
 
 
@@ -48,7 +50,7 @@ def _panel(axes: Axes, gains: pl.DataFrame) -> None:
                 s=26,
                 color=colour if source == "synthetic" else "white",
                 edgecolors=colour,
-                label=f"over {name}" if source == "synthetic" else None,
+                label=f"MD less {name}" if source == "synthetic" else None,
                 zorder=3,
             )
     axes.axvline(0.0, color="black", linewidth=0.8)
@@ -56,4 +58,3 @@ def _panel(axes: Axes, gains: pl.DataFrame) -> None:
     axes.set_ylim(len(lines) - 0.5, -0.5)
     axes.grid(axis="x", alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="best")

@@ -35,18 +35,16 @@ def answer(rows: pl.DataFrame) -> Answer:
     """Every filter's scores, and its drift, by kind and length of the gap."""
     own = rows.filter(pl.col("occlusion").is_in(OCCLUSIONS), bin="all")
     cells = Cells("table-occlusion", own)
-    captions = {}
     for occlusion in OCCLUSIONS:
         kind, length = occlusion.split(":")
         table = f"{kind}, {length} frames"
-        captions[table] = IN_KIND
         where, paper = simulated(DETECTOR, occlusion), published.of_occlusion(occlusion)
         add_scores(cells, table, where, tuple(OPPONENTS), (HOTA, MOTA, IDF1, DRIFT), paper)
         real = recorded_where(rows, RECORDED_DETECTOR, occlusion)
         if real:
             columns = (HOTA, MOTA, IDF1)
             add_scores(cells, table, real, tuple(OPPONENTS), columns, source="recorded")
-    return Answer(cells.frame(), captions)
+    return Answer(cells.frame())
 
 
 ITEMS = (

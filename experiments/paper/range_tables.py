@@ -56,7 +56,7 @@ def ranges(rows: pl.DataFrame) -> Answer:
     for near in NEAR:
         where = simulated(TWO[0], name=_bin(near, 2))
         add_scores(cells, near, where, ("md",), (HOTA, MOTA, ASSA), published.of_range(near))
-    caption = f"{IN_KIND} The boxes are of the simulated CasA for KITTI."
+    caption = "The boxes are of the simulated CasA, whose profile is of KITTI."
     return Answer(cells.frame(), dict.fromkeys(NEAR, caption))
 
 
@@ -67,7 +67,7 @@ def gains(rows: pl.DataFrame) -> Answer:
     for detector in TWO:
         for subject, model in MODELS.items():
             table = f"{DETECTORS[detector]}, {model}"
-            captions[table] = f"{IN_KIND} All are paired differences, in percentage points."
+            captions[table] = "All are paired differences, in percentage points."
             for near in NEAR:
                 for name in OPPONENTS[subject]:
                     _add_gains(cells, table, detector, near, (subject, name))
