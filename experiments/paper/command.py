@@ -90,6 +90,7 @@ def paper(
         shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
         for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
+        shown.print(f"[dim]{escape(item.caption)}[/dim]\n", highlight=False)
     if names is None or results.verdicts.filter(pl.col("reason").is_null()).height:
         tested = results.verdicts.filter(pl.col("reason").is_null().any().over("id"))
         shown.print(scoreboard.table(tested), highlight=False)

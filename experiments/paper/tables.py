@@ -76,11 +76,12 @@ def best(cells: pl.DataFrame) -> Mapping[str, float]:
 
 
 def told_value(cell: Mapping[str, Any]) -> str:
-    """A cell's value ± half of its interval; – is no value."""
+    """A cell's value ± half of its interval, a difference with its sign; – is no value."""
     if cell["value"] is None:
         return "–"
     decimals = cell["decimals"]
-    text = f"{cell['value']:.{decimals}f}"
+    sign = "-" if cell["against"] is None else "+"
+    text = f"{cell['value']:{sign}z.{decimals}f}"
     if cell["low"] is None:
         return text
     return f"{text} ±{(cell['high'] - cell['low']) / 2:.{decimals}f}"
