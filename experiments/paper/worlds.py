@@ -71,12 +71,12 @@ class World:
         """The scores of `experiments.score` by name, `drift` [m], and the scores by bin; none if
         the seed was refused. `drift` by bin: regime, as the gap begins, and second of the gap."""
         try:
-            trace = _simulated(self.scenario, self.seed)
+            trace = simulated(self.scenario, self.seed)
         except sim_bridge.SeedRefused:
             return pl.DataFrame(schema=ROWS)
         profile = PROFILES.get(self.setting.detector, self.setting.detector)
         protocol = OcclusionProtocol.parse(self.setting.occlusion)
-        occluded = protocol.apply(_detected(self.scenario, self.seed, profile))
+        occluded = protocol.apply(detected(self.scenario, self.seed, profile))
         measured = [
             {"filter": name, **one}
             for name in self.setting.filters
@@ -129,15 +129,17 @@ def traffic() -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=1)
-def _simulated(scenario: str, seed: int) -> Trace:
+def simulated(scenario: str, seed: int) -> Trace:
+    """A seed's truth, kept for the next job of its group; raises `SeedRefused`."""
     cache = sim_bridge.user_cache()
     make = sim_bridge.simulate if cache is None else cache.simulate
     return make(scenarios.load(scenario), seed)
 
 
 @lru_cache(maxsize=1)
-def _detected(scenario: str, seed: int, profile: str) -> Detections:
-    return sim_bridge.detect(_simulated(scenario, seed), profile, seed)
+def detected(scenario: str, seed: int, profile: str) -> Detections:
+    """What a simulated detector sees of a seed, kept for the next job of its group."""
+    return sim_bridge.detect(simulated(scenario, seed), profile, seed)
 
 
 def _drifts(trace: Trace, alone: pl.DataFrame, gaps: Gaps, length: int) -> list[dict[str, Any]]:
