@@ -13,12 +13,14 @@ from experiments.paper import (
     regime_tables,
     scene_items,
     showcase,
+    speed_tables,
     switching,
 )
 from experiments.paper.item import Item
 
 _ROOMS = (
     showcase,
+    speed_tables,
     dynamics,
     denoise,
     detector_tables,
