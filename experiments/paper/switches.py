@@ -131,7 +131,7 @@ class Switched:
         error over it [m]; `frame +4`, a signal's mean, and how it stands out from the control; in
         all, a signal's `delay` [s], null without a response, and whether it `responds` [%].
         Frames are counted from the switch."""
-        true, hidden = self._gaps()
+        true, hidden = self.gaps()
         seen = self._switched_and_controls()
         measured: list[dict[str, Any]] = []
         for name in (*FILTERS, *RETUNED):
@@ -142,7 +142,7 @@ class Switched:
             measured += [{"filter": name, "n": self.tracks, **one} for one in own]
         return as_rows(measured, study=STUDY, seed=self.batch, detector=DETECTOR, occlusion="none")
 
-    def _gaps(self) -> tuple[FloatArray, FloatArray]:
+    def gaps(self) -> tuple[FloatArray, FloatArray]:
         """True and measured positions (frames, switches, starts, tracks, 2) [m] of tracks with a
         history and a gap, the measured NaN in it."""
         motions = [self._drawn(switch.id, switch.motion) for switch in SWITCHES]
@@ -208,7 +208,7 @@ def _place(first: int, stop: int) -> slice:
 
 
 def _drifts(model: Estimator, true: FloatArray, seen: FloatArray) -> Iterator[dict[str, Any]]:
-    """scenario, bin, metric and value of the mean errors over the gaps of `Switched._gaps`."""
+    """scenario, bin, metric and value of the mean errors over the gaps of `Switched.gaps`."""
     frames = len(seen)
     estimates = filter_sequence(model, seen.reshape(frames, -1, 2), _noise(), DT)
     error = np.hypot(*np.moveaxis(estimates.position.reshape(true.shape) - true, -1, 0))

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from experiments.drift import drift
-from experiments.occlusion import OcclusionProtocol
+from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.paper import switches, switching, switching_worlds
 from experiments.paper.items import ITEMS
 from experiments.paper.scale import QUICK
@@ -44,9 +44,9 @@ def world() -> pl.DataFrame:
     return Followed("emergency_braking", 0).rows()
 
 
-def scene() -> tuple[Trace, Detections]:
-    """Object 1 stands; object 2 drives at 10 m/s, hidden in `GAPS`; object 3 stands for 50 frames
-    and then speeds up at 3 m/s2. All are seen exactly."""
+def scene(gaps: Gaps) -> tuple[Trace, Detections]:
+    """Object 1 stands; object 2 drives at 10 m/s; object 3 stands for 50 frames and then speeds up
+    at 3 m/s2. All are seen exactly, but for the gaps."""
     k = np.arange(FRAMES)
     since = 0.1 * np.maximum(k - 50, 0)
     speeds = [np.zeros(FRAMES), np.full(FRAMES, 10.0), 3.0 * since]
@@ -55,17 +55,18 @@ def scene() -> tuple[Trace, Detections]:
     rows = [(t, i + 1, places[i][t], 8.0 * i) for i in range(3) for t in range(FRAMES)]
     columns = {"vx": np.concatenate(speeds), "regime": np.concatenate(regimes)}
     trace = trace_of(rows, FRAMES, **columns)
-    seen = [row for row in rows if not (row[1] == 2 and 60 <= row[0] < 80)]
+    hidden = gaps.covers(np.array([row[1] for row in rows]), np.array([row[0] for row in rows]))
+    seen = [row for row, gone in zip(rows, hidden, strict=True) if not gone]
     frame, source, x, y = np.array(seen).T
     boxes = {name: np.ones(len(seen)) for name in Detections.column_types()}
     boxes |= {"frame": frame, "source": source, "x": x, "y": y}
     return trace, Detections.from_columns(boxes, n_frames=FRAMES, dt=0.1)
 
 
-def hand_made(name: str = "ca") -> dict[tuple[str, str], tuple[float, int]]:
-    """Value and count by bin and metric, of the scene."""
-    trace, seen = scene()
-    rows = scored(trace, truth_of(trace, seen, GAPS, GAP), seen, GAPS, estimator(name))
+def hand_made(gaps: Gaps = GAPS) -> dict[tuple[str, str], tuple[float, int]]:
+    """Value and count by bin and metric, of the scene, by CA."""
+    trace, seen = scene(gaps)
+    rows = scored(trace, truth_of(trace, seen, gaps, GAP), seen, gaps, estimator("ca"))
     return {(row["bin"], row["metric"]): (row["value"], row["n"]) for row in rows}
 
 
@@ -98,6 +99,15 @@ def test_errors_are_filterpys_by_phase() -> None:
     steady = "gap from constant velocity to constant velocity"
     assert found[steady, "error"] == (found["constant velocity, gap", "error"][0], GAP)
     assert found["stationary, gap", "error"][1] == 0
+
+
+def test_gaps_are_told_by_what_they_begin_and_end_with() -> None:
+    """Of the one in which the third object pulls away, only; in its last frame it is fast."""
+    found = hand_made(gaps_of((3, 45, 65)))
+    away = 1.5 * (0.1 * np.maximum(np.arange(45, 65) - 50, 0)) ** 2
+    named = {where: value for (where, _), value in found.items() if where.startswith("gap from")}
+    assert {where for where, (_, n) in named.items() if n} == {"gap from rest to manoeuvre"}
+    assert named["gap from rest to manoeuvre"] == (pytest.approx(away.mean()), GAP)
 
 
 def test_standing_and_driving_are_told_apart_without_noise() -> None:
@@ -175,6 +185,33 @@ def test_a_worlds_gaps_are_those_of_drift(world: pl.DataFrame) -> None:
     )
     whole = confusion.group_by("filter", "bin").agg(pl.col("value").sum(), pl.col("n").max())
     np.testing.assert_allclose(whole.filter(pl.col("n") > 0)["value"], 100.0)
+
+
+def test_a_batchs_gaps_are_filterpys_on_its_motions() -> None:
+    """Tracks are on their motions and seen up to the gap, never in it; drift is CA's own."""
+    job = Switched(3, 2)
+    true, seen = job.gaps()
+    assert np.isfinite(seen[:HISTORY]).all()
+    assert np.isnan(seen[HISTORY:]).all()
+    starts = list(switches.STARTS)
+    place = 1, starts.index(8)
+    time = 0.1 * np.arange(8 - HISTORY, 8 + GAP)
+    along = switches.SWITCHES[1].motion.at(time).position[:, 0]
+    settings = DETECTORS[switches.DETECTOR]
+    noise = np.diag([settings.x_var, settings.y_var])
+    errors = np.empty((2, GAP))
+    for one in range(2):
+        own, measured = true[:, *place, one], seen[:, *place, one]
+        np.testing.assert_allclose(np.hypot(*own.T), np.abs(along), atol=1e-9)
+        oracle = filterpy_kalman(measured[0], 2, 0.1)
+        for k in range(1, HISTORY + GAP):
+            oracle.predict()
+            if k < HISTORY:
+                oracle.update(measured[k], R=noise)
+            else:
+                errors[one, k - HISTORY] = np.hypot(*(oracle.x[[0, 3]] - own[k]))
+    rows = job.rows().filter(scenario="stops", filter="ca", bin="start +8", metric="drift")
+    assert rows["value"].item() == pytest.approx(errors.mean(), rel=1e-9)
 
 
 def test_a_gap_at_the_switch_costs_what_is_hidden(batch: pl.DataFrame) -> None:
