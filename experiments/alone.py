@@ -45,7 +45,7 @@ def steps(
     measured (n_frames, n_objects, 2): their positions [m], NaN where not detected; dt [s]. hidden
     (n_frames, n_objects): where an object is followed whatever its variance; nowhere if None.
     """
-    noise = np.diag([settings.x_var, settings.y_var])
+    noise = np.tile(np.diag([settings.x_var, settings.y_var]), (measured.shape[1], 1, 1))
     seen = np.isfinite(measured[..., 0])
     state: Any = None
     alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
@@ -61,14 +61,12 @@ def steps(
                 state, alive = take(state, np.flatnonzero(stays)), alive[stays]
         if len(alive):
             predicted[alive] = estimator.position(state)
-            z = np.ascontiguousarray(now[alive])
-            state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
+            state = estimator.update(state, now[alive], noise[: len(alive)])
         new_here = seen[k].copy()
         new_here[alive] = False
         born = np.flatnonzero(new_here)
         if len(born):
-            z = np.ascontiguousarray(now[born])
-            new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
+            new = estimator.start(now[born], noise[: len(born)])
             state = join(state, new) if len(alive) else new
             alive = np.concatenate([alive, born])
         if len(alive):

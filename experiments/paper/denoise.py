@@ -72,7 +72,7 @@ def _jobs(scale: Scale) -> list[Job]:
         for name in worlds.traffic()
         for detector in DETECTORS
     ]
-    return [*found, *recordings()]
+    return [*found, *recordings(DETECTORS)]
 
 
 def answer(rows: pl.DataFrame) -> Answer:
@@ -112,7 +112,8 @@ def answer(rows: pl.DataFrame) -> Answer:
                     decimals=5,
                     against={"filter": ESTIMATES[0]},
                 )
-    for name, estimate in product(CARS, ESTIMATES):
+    there = set(rows.filter(study=ONE_CAR)["scenario"])
+    for name, estimate in product([name for name in CARS if name in there], ESTIMATES):
         where = {"study": ONE_CAR, "scenario": name, "bin": EVERYTHING, "filter": estimate}
         for metric, heading, unit, decimals in METRICS:
             place = ("two cars", estimate, f"{name}, {heading}")

@@ -8,7 +8,7 @@ second of detections: before it, most of the error is the start's.
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-import scenarios
 import sim_bridge
 from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
 from experiments.bins import EVERYTHING
 from experiments.jobs import ROWS, as_rows
 from experiments.journeys import SCENARIO, journeys
-from experiments.kitti.recordings import DetectorFolder, sequences_in
+from experiments.kitti.recordings import sequences_in
 from experiments.paper import worlds
 from experiments.paper.estimates import RECORDED
 from mdkf import DETECTORS, Detections, MotionDynamics, Trace
 from mdkf.motion_dynamics import Denoise
+from mdkf.settings import FOLDERS
 from mdkf.tables import CLUTTER, BoolArray, FloatArray
 from scenarios.kitti import kitti_root
 from sim_bridge.kitti import recording_identity
@@ -96,7 +96,7 @@ class Denoised:
         """All that decides the rows."""
         return {
             "study": TRAFFIC,
-            "scenario": scenarios.load(self.scenario).identity(),
+            "scenario": worlds.identity(self.scenario),
             "seed": self.seed,
             "detector": self.detector,
         }
@@ -135,15 +135,18 @@ class OneCar:
         """All that decides the rows."""
         return {
             "study": ONE_CAR,
-            "scenario": scenarios.load(self.scenario).identity(),
+            "scenario": worlds.identity(self.scenario),
             "seed": self.seed,
             "detector": self.detector,
         }
 
     def rows(self) -> pl.DataFrame:
         """`mse` [m2] and `spread` [m] of each estimate, and its `error` [m] by frame with a
-        detection, counted from 0."""
-        trace = worlds.simulated(self.scenario, self.seed)
+        detection, counted from 0; none if the seed was refused."""
+        try:
+            trace = worlds.simulated(self.scenario, self.seed)
+        except sim_bridge.SeedRefused:
+            return pl.DataFrame(schema=ROWS)
         found = worlds.detected(self.scenario, self.seed, self.detector)
         ids, counts = np.unique(found.source[found.source != CLUTTER], return_counts=True)
         own = found.take(found.source == ids[np.argmax(counts)])
@@ -179,7 +182,7 @@ class DenoisedJourneys:
         """All that decides the rows."""
         return {
             "study": WHITE,
-            "scenario": scenarios.load(SCENARIO).identity(),
+            "scenario": worlds.identity(SCENARIO),
             "first": self.first,
             "seeds": self.seeds,
             "detector": self.detector,
@@ -236,13 +239,14 @@ class DenoisedRecordings:
         return as_rows(measured, study=RECORDED, seed=0, detector=self.detector)
 
 
-def recordings() -> list[DenoisedRecordings]:
-    """A job for each folder of recorded detections that has tracker settings; none without
-    recordings."""
+def recordings(detectors: Container[str]) -> list[DenoisedRecordings]:
+    """A job for each of some detectors of which there are recorded detections."""
     root = kitti_root()
-    folders = sorted(path for path in (root / "detections").glob("*") if path.is_dir())
-    own = [DetectorFolder.of(path, None) for path in folders]
-    return [DenoisedRecordings(root, folder.path, folder.settings) for folder in own]
+    folders: dict[str, Path] = {}
+    for path in sorted((root / "detections").glob("*/")):
+        folders.setdefault(FOLDERS.get(path.name, path.name), path)
+    own = [(name, path) for name, path in folders.items() if name in detectors]
+    return [DenoisedRecordings(root, path, name) for name, path in own]
 
 
 def table_errors(trace: Trace, found: Detections, detector: str) -> Errors:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-import scenarios
 import sim_bridge
 from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
 from experiments.jobs import ROWS, Job, as_rows
@@ -61,7 +60,7 @@ class Alone:
     def key(self) -> Mapping[str, Any]:
         """All that decides the rows."""
         return {
-            **{"study": TRAFFIC, "scenario": scenarios.load(self.scenario).identity()},
+            **{"study": TRAFFIC, "scenario": worlds.identity(self.scenario)},
             **{"seed": self.seed, "detector": self.detector, "filters": self.filters},
         }
 
@@ -76,11 +75,10 @@ class Alone:
         measured = by_object(found, found.source, ids, "x", "y")
         truth = by_object(trace, trace.object_id, ids, "x", "y", "regime")
         binned = bins(measured, truth[..., 2])
-        means = [
-            row
-            for name in self.filters
-            for row in _means(name, errors(name, measured, truth[..., :2], trace.dt), binned)
-        ]
+        means: list[dict[str, Any]] = []
+        for name in self.filters:
+            own = errors(name, measured, truth[..., :2], trace.dt, self.detector)
+            means += _means(name, own, binned)
         return as_rows(
             means,
             study=TRAFFIC,
@@ -107,7 +105,7 @@ class Journeys:
     def key(self) -> Mapping[str, Any]:
         """All that decides the rows."""
         return {
-            **{"study": JOURNEY, "scenario": scenarios.load(SCENARIO).identity()},
+            **{"study": JOURNEY, "scenario": worlds.identity(SCENARIO)},
             **{"first": self.first, "seeds": self.seeds, "detector": self.detector},
             **{"filters": self.filters, "drawn": (DRAWN_SEED, DRAWN)},
         }
@@ -121,7 +119,7 @@ class Journeys:
         binned = bins(driven.measured, regime)
         found = []
         for name in self.filters:
-            own = errors(name, driven.measured, driven.true, driven.dt)
+            own = errors(name, driven.measured, driven.true, driven.dt, self.detector)
             for place, seed in enumerate(seeds):
                 one = {metric: values[:, [place]] for metric, values in own.items()}
                 told = list(_means(name, one, binned[:, [place]]))
@@ -139,10 +137,11 @@ class Journeys:
 
 
 def errors(
-    name: str, measured: FloatArray, true: FloatArray, dt: float, detector: str = DETECTOR
+    name: str, measured: FloatArray, true: FloatArray, dt: float, detector: str
 ) -> dict[str, FloatArray]:
     """Errors of a filter's predictions and posteriors (n_frames, n_objects) [m], NaN where there
-    is none, of objects measured and truly at (n_frames, n_objects, 2) [m]."""
+    is none, of objects measured and truly at (n_frames, n_objects, 2) [m]. detector: whose
+    variances the filter is told."""
     chosen = estimator(name)
     predicted, posterior = np.full(true.shape, np.nan), np.full(true.shape, np.nan)
     for step in steps(measured, dt, chosen, DETECTORS[detector]):

@@ -59,7 +59,7 @@ class World:
         own = self.setting
         return {
             "study": STUDY,
-            "scenario": scenarios.load(self.scenario).identity(),
+            "scenario": identity(self.scenario),
             "seed": self.seed,
             "detector": own.detector,
             "occlusion": own.occlusion,
@@ -123,6 +123,12 @@ def jobs(scale: Scale, settings: Sequence[Setting]) -> list[World]:
 def group(scenario: str, seed: int) -> str:
     """Of all jobs that are done with one seed of a scenario."""
     return f"{scenario}, seed {seed}"
+
+
+@cache
+def identity(scenario: str) -> str:
+    """All that decides a scenario, as text: a run of many jobs asks for it thousands of times."""
+    return scenarios.load(scenario).identity()
 
 
 @cache
