@@ -108,25 +108,26 @@ def curves_figure(
 def gap_figure(path: pl.DataFrame, filters: Sequence[str]) -> Figure:
     """The paths around a gap, and the errors of the tracks by frame."""
     figure = Figure(figsize=(11, 4.8), layout="constrained")
+    if path.is_empty():
+        return figure
     above, over_time = figure.subplots(1, 2, width_ratios=(1.3, 1))
-    if not path.is_empty():
-        _draw_path(above, path, filters)
-        _widen(above)
-        above.legend(
-            frameon=False, fontsize=9, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14)
-        )
-        true, length = _positions(path, TRUTH), _length(path)
-        for name, colour in colours(filters).items():
-            own = _positions(path, name)
-            both = sorted(set(own) & set(true))
-            errors = [np.hypot(*(own[frame] - true[frame])) for frame in both]
-            over_time.plot(both, errors, line_style(name), color=colour, label=name, marker=".")
-        over_time.axvspan(0.5, length + 0.5, color="#888888", alpha=0.15, linewidth=0)
-        over_time.set(xlabel="frame since last detected", ylabel="error of the track [m]")
-        over_time.set_ylim(0, None)
-        over_time.set_title("grey: no detections", fontsize=10)
-        over_time.grid(alpha=0.25)
-        over_time.spines[["top", "right"]].set_visible(False)
+    _draw_path(above, path, filters)
+    _widen(above)
+    above.legend(
+        frameon=False, fontsize=9, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+    )
+    true, length = _positions(path, TRUTH), _length(path)
+    for name, colour in colours(filters).items():
+        own = _positions(path, name)
+        both = sorted(set(own) & set(true))
+        errors = [np.hypot(*(own[frame] - true[frame])) for frame in both]
+        over_time.plot(both, errors, line_style(name), color=colour, label=name, marker=".")
+    over_time.axvspan(0.5, length + 0.5, color="#888888", alpha=0.15, linewidth=0)
+    over_time.set(xlabel="frame since last detected", ylabel="error of the track [m]")
+    over_time.set_ylim(0, None)
+    over_time.set_title("grey: no detections", fontsize=10)
+    over_time.grid(alpha=0.25)
+    over_time.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -134,8 +135,10 @@ def paths_figure(path: pl.DataFrame, orders: Orders) -> Figure:
     """The paths around a gap, a panel for each order, with a dotted line from the state that is
     nearest to the truth of each frame of the gap to the truth."""
     figure = Figure(figsize=(10, 8.4), layout="constrained")
+    if path.is_empty():
+        return figure
     panels = figure.subplots(2, 1, sharex=True, sharey=True)
-    for (order, names), axes in zip(orders, panels if len(path) else (), strict=len(path) > 0):
+    for (order, names), axes in zip(orders, panels, strict=True):
         _draw_path(axes, path, names)
         true, colour_of = _positions(path, TRUTH), colours(names)
         states = {name: _positions(path, name) for name in names}
@@ -149,6 +152,7 @@ def paths_figure(path: pl.DataFrame, orders: Orders) -> Figure:
             axes.plot(*ends.T, ":", color=colour_of[nearest], linewidth=1.4)
         axes.set_title(order, fontsize=10)
         axes.legend(frameon=False, fontsize=9, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.label_outer()
     _widen(panels[0])
     return figure
 

@@ -14,6 +14,7 @@ from experiments.natural import natural_gaps, rows_of
 from experiments.paper.item import Answer, again
 from experiments.paper.items import ITEMS
 from experiments.paper.scale import FULL, QUICK
+from experiments.paper.scene_items import SCENES
 from experiments.paper.scenes import Scene, jobs
 from mdkf import DETECTORS, Detections, Trace, Tracker, estimator
 from mdkf.reference import filterpy_kalman
@@ -238,6 +239,14 @@ def test_more_is_run_at_full_scale(item: str) -> None:
     """All that is done for a first look is part of the whole."""
     few, many = ITEMS[item].jobs(QUICK), ITEMS[item].jobs(FULL)
     assert set(few) < set(many)
+
+
+def test_all_scenes_are_those_that_every_item_asks_for() -> None:
+    """Cells over all scenes are the same whichever items are run: no other item's job has rows of
+    moving cars, as the car that the bus hides stands."""
+    every = {job.scenario for name in NAMES for job in ITEMS[name].jobs(QUICK)}
+    assert every == {*SCENES, BUS}
+    assert rows(0).filter(pl.col("bin").str.starts_with("moving")).is_empty()
 
 
 def test_sumo_has_fewer_seeds_than_the_closed_form() -> None:
