@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from markupsafe import Markup
 
 from experiments import figures
 from experiments.page import svg, write_page
+from experiments.playback import playback
 from experiments.run import SUBJECT, Plan, Results, kept_folder
 from experiments.statistics import Interval, mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
@@ -210,6 +212,9 @@ def _gap_pictures(
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
             figure = figures.gap_figure(trace, detections, tracks, errors, gap)
+            title = f"{scenario.name}, seed {seed}: a {label} object in its gap"
+            seen = plan.occlusion.apply(detections)
+            player = playback(trace, seen, tracks, focus=gap[0], gap=gap[1:], title=title)
             pictures.append(
                 {
                     "scenario": scenario.name,
@@ -217,6 +222,7 @@ def _gap_pictures(
                     "object_id": gap[0],
                     "seed": seed,
                     "svg": svg(figure),
+                    "playback": Markup(player),
                 }
             )
     return pictures
