@@ -47,7 +47,7 @@ _HERE = Path(__file__).parent
 _SCORING = ("metrics", "states")
 _SCORERS = (
     *("bins", "breakdown", "drift", "matched", "occlusion", "pairing", "phases", "population"),
-    *("score", "world"),
+    *("score", "world", "playback/scene"),
 )
 """What makes rows, of this package: rooms, and modules."""
 
