@@ -167,9 +167,11 @@ class Shown:
 
     def title(self) -> str:
         """What is seen."""
-        bus = KINDS[self.trace.kind[self.trace.rows_of(self.hidden.by)[0]]]
+        kind = KINDS[self.trace.kind[self.trace.rows_of(self.hidden.by)[0]]]
         seconds = (self.hidden.stop - self.hidden.start) * self.trace.dt
-        return f"{self.scenario}: a {bus} hides a standing car for {seconds:.1f} s"
+        return (
+            f"{self.scenario}, seed {self.seed}: a {kind} hides a standing car for {seconds:.1f} s"
+        )
 
     def estimates(self, name: str) -> dict[tuple[str, str], float]:
         """A filter's numbers that the playback shows, by frame and name."""

@@ -50,7 +50,7 @@ function picture(svg, middle, width, detailed) {
     return found;
   }
 
-  function truth({ target }) {
+  function truth({ sensor, target }) {
     if (!target) return [];
     const found = [polygon(corners(target.own), "truth ground"), nose(target.own)];
     for (let k = Math.max(frame() - 6, 0); k <= frame(); k++)
@@ -60,8 +60,11 @@ function picture(svg, middle, width, detailed) {
     if (!detailed) {
       const [px, py] = view.to([target.own.x, target.own.y]);
       const reach = filters.map((one) => at(one.major, frame()) ?? 0);
-      const above = Math.max(target.own.length / 2, ...reach) * view.per;
-      found.push(`<text x="${px}" y="${py - above - 8}" text-anchor="middle">` +
+      const half = Math.max(...corners(target.own).map(([, y]) => y)) - target.own.y;
+      const away = Math.max(half, ...reach) * view.per;
+      // On the side away from the sensor, where nothing that hides it stands.
+      const to = sensor.y > target.own.y ? py + away + 20 : py - away - 8;
+      found.push(`<text x="${px}" y="${to}" text-anchor="middle">` +
                  `${focus.kind} ${scene.focus}</text>`);
     }
     return found;

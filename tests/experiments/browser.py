@@ -84,9 +84,11 @@ class Browser:
         page = self._pages[session] = Page(self, session)
         for domain in ("Page", "Runtime", "Network", "Log"):
             page.ask(f"{domain}.enable")
+        page.ask("Page.setLifecycleEventsEnabled", {"enabled": True})
         page.resize(width, height)
-        page.ask("Page.navigate", {"url": path.as_uri()})
-        page.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
+        loading = page.ask("Page.navigate", {"url": path.as_uri()})["loaderId"]
+        while loading not in page.loaded:
+            self._hear()
         return page
 
     def ask(self, method: str, parameters: Mapping[str, Any] = {}, session: str = "") -> Any:
@@ -96,17 +98,14 @@ class Browser:
         if session:
             asked["sessionId"] = session
         os.write(self._to, json.dumps(asked).encode() + b"\0")
-        while True:
-            told = self._read()
-            if told.get("id") == self._number:
-                if "error" in told:
-                    raise RuntimeError(f"{method}: {told['error']['message']}")
-                return told["result"]
-            if (page := self._pages.get(told.get("sessionId", ""))) is not None:
-                page.hear(told["method"], told["params"])
+        while (told := self._hear()).get("id") != self._number:
+            pass
+        if "error" in told:
+            raise RuntimeError(f"{method}: {told['error']['message']}")
+        return told["result"]
 
-    def _read(self) -> dict[str, Any]:
-        """The next message."""
+    def _hear(self) -> dict[str, Any]:
+        """The next message; the page that it is about has heard it."""
         until = time.monotonic() + PATIENCE
         while b"\0" not in self._unread:
             if not select.select([self._from], [], [], max(until - time.monotonic(), 0))[0]:
@@ -117,18 +116,23 @@ class Browser:
             self._unread += received
         message, self._unread = self._unread.split(b"\0", 1)
         told: dict[str, Any] = json.loads(message)
+        page = self._pages.get(told.get("sessionId", ""))
+        if page is not None and "method" in told:
+            page.hear(told["method"], told["params"])
         return told
 
 
 class Page:
     """A page in the browser. complaints: errors and warnings of its scripts and on its console.
-    requests: the addresses that it has asked for, itself included."""
+    requests: the addresses that it has asked for, itself included. loaded: what has been loaded
+    into it, by the browser's numbers."""
 
     def __init__(self, browser: Browser, session: str) -> None:
         self._browser = browser
         self._session = session
         self.complaints: list[str] = []
         self.requests: list[str] = []
+        self.loaded: set[str] = set()
 
     def ask(self, method: str, parameters: Mapping[str, Any] = {}) -> Any:
         """The answer to a command of the protocol to this page."""
@@ -136,7 +140,9 @@ class Page:
 
     def hear(self, event: str, told: Mapping[str, Any]) -> None:
         """What the page does by itself."""
-        if event == "Network.requestWillBeSent":
+        if event == "Page.lifecycleEvent" and told["name"] == "load":
+            self.loaded.add(told["loaderId"])
+        elif event == "Network.requestWillBeSent":
             self.requests.append(told["request"]["url"])
         elif event == "Runtime.exceptionThrown":
             details = told["exceptionDetails"]

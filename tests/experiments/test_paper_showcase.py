@@ -116,5 +116,5 @@ def test_the_page_is_of_the_scene() -> None:
     shown = show("passing_bus")
     kind = KINDS[shown.trace.kind[shown.trace.rows_of(shown.hidden.object_id)[0]]]
     assert kind == "car"
-    assert shown.title() == "passing_bus: a bus hides a standing car for 2.1 s"
+    assert shown.title() == "passing_bus, seed 0: a bus hides a standing car for 2.1 s"
     assert f'"focus":{CAR},' in shown.page()
