@@ -42,6 +42,9 @@ PARTS: tuple[tuple[str, str, Source], ...] = (
 WHICH = {EVERYTHING: "all detections", AFTER_START: AFTER_START}
 """What is shown of the bins, and what it is called."""
 
+BASES = ("detection", "posterior")
+"""What the post-processed measurement is said to be closer than."""
+
 METRICS = (("mse", "MSE", "m2", 4), ("spread", "spread", "m", 3))
 """Metric, what it is called, unit and decimals."""
 
@@ -76,8 +79,8 @@ def _jobs(scale: Scale) -> list[Job]:
 
 
 def answer(rows: pl.DataFrame) -> Answer:
-    """MSE and spread of every estimate by detector, the MSE's differences from the detection's, and
-    two cars over time."""
+    """MSE and spread of every estimate by detector, the MSE's differences from those of detection
+    and posterior, and two cars over time."""
     cells = Cells("fig-denoise", rows)
     captions = {}
     drawn = []
@@ -101,17 +104,19 @@ def answer(rows: pl.DataFrame) -> Answer:
                     if metric == "mse":
                         bar = {"part": part, "which": which, "detector": detector, "filter": name}
                         drawn.append({**bar, **_interval(found)})
-            table = f"MSE less that of the detection, {part}, {which}"
-            captions[table] = "Paired; below zero is closer to the truth than the detection."
-            for name, detector in product(ESTIMATES[1:], detectors):
-                cells.add(
-                    (table, name, detector),
-                    {**common, "detector": detector, "filter": name, "metric": "mse"},
-                    "m2",
-                    source=source,
-                    decimals=5,
-                    against={"filter": ESTIMATES[0]},
-                )
+            for base in BASES:
+                table = f"MSE less that of the {base}, {part}, {which}"
+                captions[table] = f"Paired; below zero is closer to the truth than the {base}."
+                for name, detector in product(ESTIMATES, detectors):
+                    if name != base:
+                        cells.add(
+                            (table, name, detector),
+                            {**common, "detector": detector, "filter": name, "metric": "mse"},
+                            "m2",
+                            source=source,
+                            decimals=5,
+                            against={"filter": base},
+                        )
     there = set(rows.filter(study=ONE_CAR)["scenario"])
     for name, estimate in product([name for name in CARS if name in there], ESTIMATES):
         where = {"study": ONE_CAR, "scenario": name, "bin": EVERYTHING, "filter": estimate}
