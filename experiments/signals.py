@@ -54,9 +54,10 @@ def separation(values: FloatArray, null: FloatArray) -> FloatArray:
     return area
 
 
-def onset(curve: FloatArray) -> float:
+def onset(curve: FloatArray, held: int = 1) -> float:
     """Frames until a separation (T,) rises from chance to certain: the step between the two that
-    is nearest to it in least squares. NaN if no step is nearer than none.
+    is nearest to it in least squares. NaN if no step that leaves the last `held` frames on the new
+    level is nearer than none.
 
     A curve that only rises takes its step where it passes half-way, which is as near to the one as
     to the other; noise around that place is averaged, not counted as a response.
@@ -64,14 +65,14 @@ def onset(curve: FloatArray) -> float:
     before = np.concatenate([[0.0], np.cumsum((curve - CHANCE) ** 2)])
     after = np.concatenate([[0.0], np.cumsum((curve - CERTAIN) ** 2)])
     misfit = before + (after[-1] - after)
-    step = int(np.argmin(misfit))
-    return float(step) if step < len(curve) else np.nan
+    step = int(np.argmin(misfit[: len(curve) - held + 1]))
+    return float(step) if misfit[step] < misfit[-1] else np.nan
 
 
-def release(before: FloatArray, curve: FloatArray) -> float:
+def release(before: FloatArray, curve: FloatArray, held: int = 1) -> float:
     """Frames until a separation (T,) falls from certain back to chance, likewise; NaN if it does
     not, or if the frames `before` (k,) are nearer to chance, so that there is nothing to fall
     from."""
     if before.mean() <= (CHANCE + CERTAIN) / 2:
         return np.nan
-    return onset(CHANCE + CERTAIN - curve)
+    return onset(CHANCE + CERTAIN - curve, held)

@@ -46,8 +46,9 @@ RESPONSE = range(-20, 80)
 """Frames in which signals are looked at, counted from the switch."""
 SPAN = range(STARTS.start - HISTORY, RESPONSE.stop)
 """Frames for which noise is drawn: a track's is the same in a frame wherever it is used."""
-BEFORE = 10
-"""Frames before the switch in which a signal must stand out to be released by it."""
+HELD = 10
+"""Frames for which a signal must stand out before the switch to be released by it, and for which a
+response must last: noise alone keeps a batch's separation off chance for a few."""
 DRAWN = (
     *(("md", "w_v"), ("md", "w_a"), ("md-posterior", "w_v"), ("md-posterior", "w_a")),
     *(("imm", "not cv"), ("imm-zero", "not cv"), ("ca", "speed"), ("ca", "acceleration")),
@@ -199,7 +200,9 @@ def delay(apart: FloatArray, quiet: Quiet) -> float:
     NaN if there is none."""
     switch = -RESPONSE.start
     after = apart[switch:]
-    return onset(after) if quiet == "before" else release(apart[switch - BEFORE : switch], after)
+    if quiet == "before":
+        return onset(after, HELD)
+    return release(apart[switch - HELD : switch], after, HELD)
 
 
 def _place(first: int, stop: int) -> slice:

@@ -174,8 +174,8 @@ RESPONSE_CAPTIONS = {
     f" of the probability, or the estimated acceleration is {CONSTANT_VELOCITY:g} m/s2 or more"
     " (CA, CJ).",
     DELAY: "A signal responds where the probability that it exceeds that of a control track, which"
-    " is always in the quieter regime, steps from chance to certain, or back (least squares); mean"
-    " over the batches with a response.",
+    " is always in the quieter regime, steps from chance to certain, or back (least squares), for"
+    f" {switches.HELD * switches.DT:g} s at least; mean over the batches with a response.",
     SHARE: f"Batches of {switches.BATCH} tracks; a response is looked for in the"
     f" {switches.RESPONSE.stop * switches.DT:g} s after the switch.",
 }

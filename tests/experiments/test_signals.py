@@ -125,3 +125,13 @@ def test_no_response_has_no_delay() -> None:
     assert np.isnan(onset(chance))
     assert np.isnan(release(np.ones(5), certain))
     assert np.isnan(release(np.full(5, 0.6), chance))
+
+
+def test_a_response_that_does_not_last_is_none() -> None:
+    """A rise in the last frames counts from as many on as are asked for; a fall likewise."""
+    late = np.where(np.arange(40) < 36, 0.5, 1.0)
+    assert onset(late, held=4) == 36
+    assert np.isnan(onset(late, held=9))
+    assert onset(np.where(np.arange(40) < 30, 0.5, 1.0), held=10) == 30
+    assert release(np.ones(5), 1.5 - late, held=4) == 36
+    assert np.isnan(release(np.ones(5), 1.5 - late, held=9))
