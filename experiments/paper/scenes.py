@@ -37,13 +37,13 @@ STUDY = "scenes"
 DETECTOR = "pointrcnn"
 OCCLUSION = "natural"
 
-SUMO_SHARE = 4
+SUMO_SHARE = 5
 """One in so many seeds of what SUMO simulates: a seed of it holds many cars, and costs as much."""
 
 KEPT = ("md-keep", "md3-keep")
 """MD whose window outlives a gap."""
 ALONE_ONLY = (*RETUNED, *KEPT)
-"""Filters whose drift is measured alone, over all frames."""
+"""Filters that are measured alone, not in the tracker."""
 
 DRAWN_SEED = 0
 """The seed whose cars are drawn."""
@@ -79,9 +79,8 @@ class Scene:
         """None if the seed was refused, or no car is hidden in it; else by filter and bin
 
         drift, drift sd: mean and standard deviation of the filter's own errors in the measured
-            frames of all gaps [m]; the mean also of the gaps before which the car was detected in
-            each of so many frames that MD's window is formed, as `moving, steady`, and of the
-            others, as `moving, unsteady`. Of `ALONE_ONLY` there is nothing else.
+            frames of all gaps [m]; the mean also of the gaps before which MD's window was formed,
+            as `moving, steady`, and of the others, as `moving, unsteady`.
         error, error sd: of the track that follows the car, as long as it lives [m]. Both means also
             by frame of the gap, counted from 1, as `moving, frame 3`.
         kept: gaps in which that track lived and took no other detection [%].
@@ -90,6 +89,8 @@ class Scene:
         nearer: frames in which MD of the same order is nearer to the truth than the filter alone
             (where both are equally near, half) [%].
         x, y, yaw, length, width: what is drawn [m, rad], in the seed that is drawn.
+
+        Of the filters `ALONE_ONLY` there is the drift, but not frame by frame.
         """
         try:
             trace = worlds.simulated(self.scenario, self.seed)
@@ -192,32 +193,38 @@ def _box(table: Trace | Tracks, identifier: int, frame: int) -> FloatArray:
 def _scores(errors: pl.DataFrame) -> Iterator[dict[str, Any]]:
     """The scores of one population."""
     for (name,), own in errors.group_by("filter", maintain_order=True):
-        scored = {"filter": str(name)}
-        for (before,), part in own.group_by("steady", maintain_order=True):
-            at = {"bin": ", steady" if before else ", unsteady", "metric": "drift"}
-            yield {**scored, **at, "value": part["drift"].mean(), "n": len(part)}
-        for metric in ("drift", "error"):
-            values = own[metric].drop_nulls()
-            yield {**scored, "metric": metric, "value": values.mean(), "n": len(values)}
-            yield {**scored, "metric": f"{metric} sd", "value": values.std(), "n": len(values)}
-            if name in FILTERS:
-                for (nth,), part in own.group_by("nth", maintain_order=True):
-                    there = part[metric].drop_nulls()
-                    at = {"bin": f", frame {nth}", "metric": metric}
-                    yield {**scored, **at, "value": there.mean(), "n": len(there)}
-        if name not in FILTERS:
-            continue
-        by_gap = own.filter("last")
-        kept = (pl.col("track_id") >= 0) & ~pl.col("captured") & ~pl.col("deleted")
-        ends = {
-            "kept": 100 * by_gap.select(kept.cast(pl.Float64)).to_series(),
-            "end drift": by_gap["drift"],
-            "end distance": by_gap["error"].drop_nulls(),
-            "end iou": by_gap["iou"],
-        }
-        for metric, values in ends.items():
-            yield {**scored, "metric": metric, "value": values.mean(), "n": len(values)}
+        for one in _own_scores(own, in_tracker=name in FILTERS):
+            yield {"filter": str(name), **one}
     yield from _nearer(errors)
+
+
+def _own_scores(own: pl.DataFrame, in_tracker: bool) -> Iterator[dict[str, Any]]:
+    """The scores of one population and filter."""
+    yield from _spread("drift", own)
+    for (before,), part in own.group_by("steady", maintain_order=True):
+        yield _mean("drift", part["drift"], ", steady" if before else ", unsteady")
+    if not in_tracker:
+        return
+    yield from _spread("error", own)
+    for (nth,), part in own.group_by("nth", maintain_order=True):
+        for metric in ("drift", "error"):
+            yield _mean(metric, part[metric], f", frame {nth}")
+    ends = own.filter("last")
+    kept = (pl.col("track_id") >= 0) & ~pl.col("captured") & ~pl.col("deleted")
+    yield _mean("kept", ends.select(100 * kept.cast(pl.Float64)).to_series())
+    for metric, column in (("end drift", "drift"), ("end distance", "error"), ("end iou", "iou")):
+        yield _mean(metric, ends[column])
+
+
+def _spread(metric: str, own: pl.DataFrame) -> Iterator[dict[str, Any]]:
+    yield _mean(metric, own[metric])
+    values = own[metric].drop_nulls()
+    yield {"metric": f"{metric} sd", "value": values.std(), "n": len(values)}
+
+
+def _mean(metric: str, values: pl.Series, part: str = "") -> dict[str, Any]:
+    there = values.drop_nulls()
+    return {"bin": part, "metric": metric, "value": there.mean(), "n": len(there)}
 
 
 def _nearer(errors: pl.DataFrame) -> Iterator[dict[str, Any]]:
