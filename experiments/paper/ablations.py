@@ -1,34 +1,15 @@
 """MD's free choices, one at a time, in simulated traffic with gaps: which of them matter?"""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
-
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-import scenarios
-import sim_bridge
-from experiments.drift import drift
 from experiments.figures import colours
-from experiments.jobs import ROWS, as_rows
-from experiments.occlusion import OcclusionProtocol
-from experiments.paper import worlds
 from experiments.paper.item import Answer, Better, Cells, Item, Picture
-from experiments.paper.scale import Scale
-from experiments.paper.variants import DELETION, SUBJECT, Variant, variants
-from experiments.score import score
-from mdkf import DETECTORS, Tracker
+from experiments.studies.ablations import DETECTOR, OCCLUSION, STUDY, jobs
+from experiments.studies.variants import DELETION, SUBJECT, Variant, variants
 
-STUDY = "ablations"
-DETECTOR = "virconv"
-OCCLUSION = "mid:20"
-MOST_SEEDS = 12
-"""Of a scenario; 216 worlds in all."""
-
-SCORES = ("hota", "mota", "lost", "deleted")
 COLUMNS: tuple[tuple[str, str, str, str, Better], ...] = (
     # heading, metric, bin, unit, better
     ("drift", "drift", "all", "m", "lower"),
@@ -43,63 +24,6 @@ DRAWN = COLUMNS[:3]
 """Whose changes the figure shows, a row of panels each."""
 PANELS = 5
 """Choices beside each other in the figure."""
-
-
-@dataclass(frozen=True)
-class Ablation:
-    """One seed of a scenario, tracked by every variant."""
-
-    scenario: str
-    seed: int
-
-    @property
-    def group(self) -> str:
-        """Shares its simulation with the studies of the same seed."""
-        return worlds.group(self.scenario, self.seed)
-
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            "study": STUDY,
-            "scenario": scenarios.load(self.scenario).identity(),
-            "seed": self.seed,
-            "variants": [[one.name, repr(one.estimator), dict(one.rules)] for one in variants()],
-        }
-
-    def rows(self) -> pl.DataFrame:
-        """Scores, `drift` [m] of all gaps and by true regime as they begin; none if the seed was
-        refused."""
-        try:
-            trace = worlds.simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
-        protocol = OcclusionProtocol.parse(OCCLUSION)
-        occluded = protocol.apply(worlds.detected(self.scenario, self.seed, DETECTOR))
-        measured: list[dict[str, Any]] = []
-        for one in {one.name: one for one in variants()}.values():
-            settings = replace(DETECTORS[DETECTOR], **one.rules)
-            scores = score(trace, Tracker(one.estimator, settings).run(occluded), protocol)
-            summary = scores.summary()
-            found = [{"metric": name, "value": summary[name]} for name in SCORES]
-            # A filter alone knows no bound in a gap: its drift is the default's.
-            if not one.rules and len(scores.gaps):
-                alone = drift(trace, occluded, scores.gaps, one.estimator, settings)
-                found += worlds.drifts(trace, alone, scores.gaps, protocol.length)
-            measured += [{"filter": one.name, **row} for row in found]
-        return as_rows(
-            measured,
-            study=STUDY,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=DETECTOR,
-            occlusion=OCCLUSION,
-        )
-
-
-def jobs(scale: Scale) -> list[Ablation]:
-    """A few seeds of every scenario."""
-    seeds = min(scale.worlds, MOST_SEEDS)
-    return [Ablation(name, seed) for seed in range(seeds) for name in worlds.traffic()]
 
 
 def answer(rows: pl.DataFrame) -> Answer:

@@ -15,15 +15,15 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments.claims import scoreboard
 from experiments.engine import RunFailed
 from experiments.options import Json
-from experiments.paper import scoreboard
 from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
 from experiments.paper.run import run
-from experiments.paper.scale import QUICK, SCALES, Scale
 from experiments.paper.tables import tables
+from experiments.studies.scale import QUICK, SCALES, Scale
 
 WIDTH = 120
 """Characters that the tables need: they get them where there is no terminal."""

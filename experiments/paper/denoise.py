@@ -5,10 +5,13 @@ from itertools import product
 import polars as pl
 
 from experiments.bins import EVERYTHING
+from experiments.estimates import RECORDED, Estimate
 from experiments.jobs import Job
-from experiments.paper import worlds
 from experiments.paper.denoise_figure import bars, cars
-from experiments.paper.denoise_jobs import (
+from experiments.paper.item import Answer, Cells, Item, Picture, Source
+from experiments.statistics import told
+from experiments.studies import worlds
+from experiments.studies.denoise import (
     AFTER_START,
     ESTIMATES,
     ONE_CAR,
@@ -20,11 +23,8 @@ from experiments.paper.denoise_jobs import (
     OneCar,
     recordings,
 )
-from experiments.paper.dynamics import BLOCK, MOST_JOURNEYS
-from experiments.paper.estimates import RECORDED, Estimate
-from experiments.paper.item import Answer, Cells, Item, Picture, Source
-from experiments.paper.scale import Scale
-from experiments.statistics import told
+from experiments.studies.dynamics import BLOCK, MOST_JOURNEYS
+from experiments.studies.scale import Scale
 
 DETECTORS = ("virconv", "pointrcnn", "second")
 CARS = ("city_grid", "small_roundabout")

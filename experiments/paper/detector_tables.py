@@ -6,10 +6,9 @@ from dataclasses import replace
 import polars as pl
 
 from experiments.jobs import Job
-from experiments.paper import published, recorded, worlds
+from experiments.paper import published
 from experiments.paper.detector_figure import gains_figure
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
-from experiments.paper.scale import Scale
 from experiments.paper.scores import (
     ASSA,
     ASSRE,
@@ -26,7 +25,9 @@ from experiments.paper.scores import (
     simulated,
 )
 from experiments.paper.scores import recorded as recorded_where
-from experiments.paper.worlds import Setting
+from experiments.studies import recorded, worlds
+from experiments.studies.scale import Scale
+from experiments.studies.worlds import Setting
 
 FIVE = ("virconv", "casa", "pointrcnn", "pvrcnn", "second")
 

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from experiments.figures import colours, line_style
+from experiments.studies.dynamics import DRAWN
 from mdkf.tables import REGIMES, FloatArray
 
-DRAWN = ("cv", "ca", "cj", "md")
 AVERAGED = 11
 """Frames over which errors are averaged: those up to half a second before and after."""
 DT = 0.1

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import polars as pl
 from matplotlib.figure import Figure
 
+from experiments.estimates import Estimate, Where, estimate
 from experiments.jobs import Job
-from experiments.paper.estimates import Estimate, Where, estimate
-from experiments.paper.scale import Scale
 from experiments.statistics import told
+from experiments.studies.scale import Scale
 
 CELLS = {
     "item": pl.String,

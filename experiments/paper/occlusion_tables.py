@@ -5,12 +5,13 @@ from collections.abc import Sequence
 import polars as pl
 
 from experiments.jobs import Job
-from experiments.paper import published, recorded, worlds
+from experiments.paper import published
 from experiments.paper.item import Answer, Cells, Item
-from experiments.paper.scale import Scale
 from experiments.paper.scores import DRIFT, HOTA, IDF1, MOTA, OPPONENTS, add_scores, simulated
 from experiments.paper.scores import recorded as recorded_where
-from experiments.paper.worlds import Setting
+from experiments.studies import recorded, worlds
+from experiments.studies.scale import Scale
+from experiments.studies.worlds import Setting
 
 DETECTOR = "virconv"
 RECORDED_DETECTOR = "pointrcnn"

@@ -6,9 +6,8 @@ import polars as pl
 
 from experiments.bins import RANGES
 from experiments.jobs import Job
-from experiments.paper import published, worlds
+from experiments.paper import published
 from experiments.paper.item import Answer, Cells, Item
-from experiments.paper.scale import Scale
 from experiments.paper.scores import (
     ASSA,
     DETECTORS,
@@ -21,7 +20,9 @@ from experiments.paper.scores import (
     minus,
     simulated,
 )
-from experiments.paper.worlds import STUDY, Setting
+from experiments.studies import worlds
+from experiments.studies.scale import Scale
+from experiments.studies.worlds import STUDY, Setting
 
 GROUP = "range,level"
 TWO = ("casa-waymo", "ctrl-waymo")

@@ -6,9 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.figures import colours, line_style
-from experiments.paper.motions import REGIMES, Regime
-from experiments.paper.regimes import DRAWN, DT, GAPS, HISTORIES, in_frame, occlusion
 from experiments.statistics import mean_intervals
+from experiments.studies.motions import REGIMES, Regime
+from experiments.studies.regimes import DRAWN, DT, GAPS, HISTORIES, in_frame, occlusion
 
 COLUMNS = 5
 """Panels in a row; the legend takes the place after the last."""

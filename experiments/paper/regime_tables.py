@@ -9,10 +9,11 @@ from typing import Any
 import polars as pl
 
 from experiments.bins import EVERYTHING
-from experiments.paper import regime_figure, regimes
-from experiments.paper.estimates import Estimate
+from experiments.estimates import Estimate
+from experiments.paper import regime_figure
 from experiments.paper.item import Answer, Cells, Item, Picture
-from experiments.paper.regimes import BY_ID, FILTERS, GAPS, HISTORIES, NOISES, READINGS
+from experiments.studies import regimes
+from experiments.studies.regimes import BY_ID, FILTERS, GAPS, HISTORIES, NOISES, READINGS
 from mdkf import MotionDynamics
 
 ID = "regimes"

@@ -11,12 +11,12 @@ from typing import Any
 import polars as pl
 from markupsafe import Markup
 
+from experiments.claims.hypotheses import SOURCES
+from experiments.claims.scoreboard import counts
 from experiments.page import svg, write_page
-from experiments.paper.claims import SOURCES
 from experiments.paper.item import Answer, Item
-from experiments.paper.scale import Scale
-from experiments.paper.scoreboard import counts
 from experiments.paper.tables import best, headings, sample, told_value
+from experiments.studies.scale import Scale
 
 NAME = "report.html"
 

@@ -2,7 +2,7 @@
 
 Files in the output folder: `jobs/` (what is done, a file for each job), `runs.parquet` (all
 their rows), `results.parquet` (a row for each number that is shown: `experiments.paper.item`),
-`claims.parquet` (a row for each claim and source: `experiments.paper.scoreboard`),
+`claims.parquet` (a row for each claim and source: `experiments.claims.scoreboard`),
 `figures/NAME.svg`, `.png` and `.parquet` (a figure and what is drawn in it).
 """
 
@@ -14,11 +14,11 @@ from pathlib import Path
 import polars as pl
 
 from experiments import jobs
+from experiments.claims.scoreboard import judge
 from experiments.jobs import Job, Store
-from experiments.paper import worlds
 from experiments.paper.item import CELLS, Answer, Item
-from experiments.paper.scale import Scale
-from experiments.paper.scoreboard import judge
+from experiments.studies import worlds
+from experiments.studies.scale import Scale
 from experiments.warm_up import compile_sensing, compile_tracking
 from sim_bridge.parquet import replacing, write_frame
 

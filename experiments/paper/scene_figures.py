@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from experiments.estimates import chosen, estimate
 from experiments.figures import colours, line_style
-from experiments.natural import HORIZON
-from experiments.paper import scenes
-from experiments.paper.estimates import chosen, estimate
-from experiments.paper.scenes import BOX, DETECTED, DRAWN_SEED, TRUTH
-from experiments.paper.worlds import FILTERS, ORDER_2, ORDER_3
 from experiments.statistics import told
+from experiments.studies import scenes
+from experiments.studies.natural import HORIZON
+from experiments.studies.scenes import BOX, DETECTED, DRAWN_SEED, TRUTH
+from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3
 from mdkf.tables import FloatArray
 
 HOW = {"drift": "filter alone", "error": "in the tracker"}

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 
 import polars as pl
 
-from experiments.natural import HORIZON, LEFT, MOVING, SHORTEST, STEADY, WARMUP
-from experiments.paper import scenes
-from experiments.paper.estimates import Where
+from experiments.estimates import Where
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
 from experiments.paper.scene_figures import (
     EVERY_SCENE,
@@ -17,7 +15,9 @@ from experiments.paper.scene_figures import (
     gap_figure,
     paths_figure,
 )
-from experiments.paper.worlds import FILTERS, ORDER_2, ORDER_3
+from experiments.studies import scenes
+from experiments.studies.natural import HORIZON, LEFT, MOVING, SHORTEST, STEADY, WARMUP
+from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3
 
 BUS, STOP, VAN, AWAY = "passing_bus", "bus_stop", "passing_van", "off_scene"
 QUEUE = "stop_and_go"

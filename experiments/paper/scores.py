@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from experiments.paper.estimates import RECORDED, Where
+from experiments.estimates import RECORDED, Where
 from experiments.paper.item import Better, Cells, Source
 from experiments.paper.published import Scores
-from experiments.paper.worlds import ORDER_2, ORDER_3, STUDY
+from experiments.studies.worlds import ORDER_2, ORDER_3, STUDY
 
 OPPONENTS: Mapping[str, tuple[str, ...]] = {
     family[-1]: family[:-1] for family in (ORDER_2, ORDER_3)

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from experiments.estimates import Estimate
 from experiments.figures import colours, line_style
-from experiments.paper.estimates import Estimate
 from experiments.statistics import told
 
 TIME = "CPU time of a frame [µs]"

@@ -7,14 +7,15 @@ import polars as pl
 
 from experiments.bench import filters, recordings
 from experiments.bench.targets import PAPER_LATENCY, PAPER_RATIOS
+from experiments.estimates import Estimate, Where, chosen
 from experiments.jobs import Job
-from experiments.paper import speed, speed_figures, worlds
-from experiments.paper.estimates import Estimate, Where, chosen
+from experiments.paper import speed_figures
 from experiments.paper.item import Answer, Cells, Item, Picture
-from experiments.paper.scale import Scale
-from experiments.paper.speed import LATENCY, NAMES, TO_CA, TO_MD
 from experiments.paper.speed_figures import Point
-from experiments.paper.worlds import Setting
+from experiments.studies import speed, worlds
+from experiments.studies.scale import Scale
+from experiments.studies.speed import LATENCY, NAMES, TO_CA, TO_MD
+from experiments.studies.worlds import Setting
 from mdkf.settings import FOLDERS
 
 ACCURACY = Setting("virconv")

@@ -6,11 +6,13 @@ from functools import partial
 
 import polars as pl
 
-from experiments.paper import switches, switching_figures, switching_worlds
+from experiments.paper import switching_figures
 from experiments.paper.item import Answer, Cells, Item, Picture
-from experiments.paper.switches import SWITCHES, Switch
-from experiments.paper.switching_worlds import ENDS, KINDS, PHASES, TASKS, TOLD
-from experiments.paper.worlds import ORDER_2, ORDER_3
+from experiments.studies import switches
+from experiments.studies import switching as switching_worlds
+from experiments.studies.switches import SWITCHES, Switch
+from experiments.studies.switching import ENDS, KINDS, PHASES, TASKS, TOLD
+from experiments.studies.worlds import ORDER_2, ORDER_3
 from mdkf.tables import REGIMES
 from sim_bridge.regimes import CONSTANT_VELOCITY
 

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.figures import colours, line_style
-from experiments.paper.switches import DRAWN, DT, GAP, SWITCHES
 from experiments.statistics import mean_interval
+from experiments.studies.switches import DRAWN, DT, GAP, SWITCHES
 
 SEPARATION = " separation"
 WEIGHTS = ("w_v", "w_a", "not cv")

@@ -19,8 +19,8 @@ from polars.testing import assert_frame_equal
 from experiments import jobs
 from experiments.engine import RunFailed
 from experiments.jobs import ROWS, Store, as_rows, do
-from experiments.paper import worlds
 from experiments.sources import deciding
+from experiments.studies import worlds
 from sim_bridge import SimulationError
 
 
@@ -134,11 +134,11 @@ def test_the_sources_that_a_job_imports_decide() -> None:
     sums, versions, _ = json.loads(deciding(Path(str(worlds.__file__))))
     for source in (
         *("mdkf/kalman.py", "sim_bridge/detect.py", "sim_bridge/detectors/virconv.yaml"),
-        *("experiments/paper/worlds.py", "experiments/drift.py", "experiments/alone.py"),
+        *("experiments/studies/worlds.py", "experiments/drift.py", "experiments/alone.py"),
         "experiments/metrics/hota.py",
     ):
         assert len(sums[source]) == 64
-    for source in ("report", "terminal", "paper/claims", "kitti/run", "bench/plan"):
+    for source in ("report", "terminal", "claims/scoreboard", "kitti/run", "bench/plan"):
         assert f"experiments/{source}.py" not in sums
     assert "libsumo" in versions
     assert "test_jobs.py" in str(deciding(Path(__file__)))

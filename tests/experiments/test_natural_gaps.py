@@ -7,7 +7,7 @@ import pytest
 
 import scenarios
 import sim_bridge
-from experiments.natural import (
+from experiments.studies.natural import (
     STEADY,
     leaving_gaps,
     measured,

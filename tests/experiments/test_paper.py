@@ -9,15 +9,15 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from experiments.paper import worlds
-from experiments.paper.estimates import estimate
+from experiments.estimates import estimate
 from experiments.paper.item import CELLS, Answer, Cells, Item, Picture, again
 from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
 from experiments.paper.run import Results, run
-from experiments.paper.scale import QUICK, SCALES
 from experiments.paper.tables import told_value
-from experiments.paper.worlds import Setting, World
+from experiments.studies import worlds
+from experiments.studies.scale import QUICK, SCALES
+from experiments.studies.worlds import Setting, World
 from tests.experiments.commands import Mdkf, assert_refused
 
 SETTING = Setting("pointrcnn", "mid:10", ("ca", "md"), ("range,level",))
@@ -206,7 +206,7 @@ def test_a_refused_seed_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*given: object) -> None:
         raise SeedRefused("two boxes overlap")
 
-    monkeypatch.setattr("experiments.paper.worlds.simulated", refuse)
+    monkeypatch.setattr("experiments.studies.worlds.simulated", refuse)
     rows = WORLDS[0].rows()
     assert rows.is_empty()
     assert estimate(rows, WHERE).n == 0

@@ -8,9 +8,10 @@ import pytest
 
 import mdkf
 from experiments.jobs import as_rows
-from experiments.paper import ablations
-from experiments.paper.ablations import CHANGE, Ablation, answer
-from experiments.paper.variants import DELETION, SUBJECT, ConstantWeights, Variant, variants
+from experiments.paper.ablations import CHANGE, answer
+from experiments.studies import ablations
+from experiments.studies.ablations import Ablation
+from experiments.studies.variants import DELETION, SUBJECT, ConstantWeights, Variant, variants
 from mdkf import Kalman, MotionDynamics, TrackerSettings, filter_sequence
 from mdkf.testing import check_estimator
 
@@ -78,7 +79,7 @@ def test_md_with_full_weights_is_constant_acceleration() -> None:
 
 def test_one_world_has_a_row_for_every_variant_and_score() -> None:
     """The default's are those of the filter of the table of worlds."""
-    from experiments.paper.worlds import Setting, World
+    from experiments.studies.worlds import Setting, World
 
     rows = Ablation("passing_van", 0).rows()
     names = {one.name for one in variants()}

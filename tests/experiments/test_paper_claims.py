@@ -14,13 +14,15 @@ import mdkf
 import scenarios
 import sim_bridge
 from experiments import bins
+from experiments.claims import hypotheses as claims
+from experiments.claims import scoreboard
+from experiments.claims.hypotheses import ClaimsError, Hypothesis, load
+from experiments.claims.scoreboard import CONTRADICTED, DOES_NOT_HOLD, HOLDS, UNTESTABLE
 from experiments.drift import drift
+from experiments.estimates import RECORDED
 from experiments.jobs import ROWS, as_rows
 from experiments.occlusion import OcclusionProtocol
-from experiments.paper import claims, scoreboard, worlds
-from experiments.paper.claims import ClaimsError, Hypothesis, load
-from experiments.paper.estimates import RECORDED
-from experiments.paper.scoreboard import CONTRADICTED, DOES_NOT_HOLD, HOLDS, UNTESTABLE
+from experiments.studies import worlds
 from mdkf.tables import FloatArray
 
 PAPER = load()

@@ -9,9 +9,10 @@ import polars as pl
 import pytest
 
 from experiments.alone import SETTLED
-from experiments.journeys import journeys
+from experiments.estimates import estimate
 from experiments.paper import denoise
-from experiments.paper.denoise_jobs import (
+from experiments.paper.item import again
+from experiments.studies.denoise import (
     AFTER_START,
     ESTIMATES,
     READINGS,
@@ -22,8 +23,7 @@ from experiments.paper.denoise_jobs import (
     estimate_errors,
     recordings,
 )
-from experiments.paper.estimates import estimate
-from experiments.paper.item import again
+from experiments.studies.journeys import journeys
 from mdkf import DETECTORS, MotionDynamics, filter_sequence
 from mdkf.reference import filterpy_kalman
 from mdkf.tables import FloatArray

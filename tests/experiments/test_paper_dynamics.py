@@ -11,13 +11,14 @@ import pytest
 import scenarios
 import sim_bridge
 from experiments.alone import SETTLED
+from experiments.estimates import chosen
 from experiments.jobs import ROWS
-from experiments.journeys import journeys
 from experiments.paper import dynamics
-from experiments.paper.dynamics import BINS, DETECTOR, FILTERS, METRICS, RETUNED, UNSETTLED
-from experiments.paper.estimates import chosen
 from experiments.paper.item import again
-from experiments.paper.scale import QUICK
+from experiments.studies import dynamics as study
+from experiments.studies.dynamics import BINS, DETECTOR, FILTERS, METRICS, RETUNED, UNSETTLED
+from experiments.studies.journeys import journeys
+from experiments.studies.scale import QUICK
 from mdkf import DETECTORS, estimator, filter_sequence
 
 SETTINGS = DETECTORS[DETECTOR]
@@ -26,7 +27,7 @@ SETTINGS = DETECTORS[DETECTOR]
 @pytest.fixture(scope="module")
 def rows() -> pl.DataFrame:
     """Of three journeys and of one small world."""
-    return pl.concat([dynamics.Journeys(0, 3).rows(), dynamics.Alone("small_roundabout", 0).rows()])
+    return pl.concat([study.Journeys(0, 3).rows(), study.Alone("small_roundabout", 0).rows()])
 
 
 def test_a_frame_counts_for_its_regime_after_a_second_of_detections() -> None:
@@ -34,7 +35,7 @@ def test_a_frame_counts_for_its_regime_after_a_second_of_detections() -> None:
     measured = np.zeros((16, 1, 2))
     measured[13] = np.nan
     regime = np.full((16, 1), 3.0)
-    place = dynamics.bins(measured, regime)[:, 0]
+    place = study.bins(measured, regime)[:, 0]
     young = BINS.index(UNSETTLED)
     expected = [np.nan, *[young] * (SETTLED - 1), 3, 3, 3, np.nan, np.nan, young]
     np.testing.assert_array_equal(place, expected)
@@ -59,7 +60,7 @@ def test_errors_of_a_journey_are_those_of_the_compiled_pass(rows: pl.DataFrame, 
 
 def test_a_journey_does_not_depend_on_those_beside_it(rows: pl.DataFrame) -> None:
     """Blocks are only for speed."""
-    alone = dynamics.Journeys(1, 1).rows()
+    alone = study.Journeys(1, 1).rows()
     beside = rows.filter(study="journey", seed=1)
     assert alone.equals(beside)
 
@@ -122,7 +123,7 @@ def test_jobs_are_a_world_for_each_seed_and_all_journeys_once() -> None:
     """Blocks of journeys cover each seed exactly once, also where they do not fill the last."""
     for count in (1, 20, 47):
         jobs = dynamics.ITEMS[0].jobs(QUICK.with_seeds(count))
-        blocks = [job for job in jobs if isinstance(job, dynamics.Journeys)]
+        blocks = [job for job in jobs if isinstance(job, study.Journeys)]
         seeds = [k for job in blocks for k in range(job.first, job.first + job.seeds)]
         assert seeds == list(range(count))
         assert len({repr(job.key()) for job in jobs}) == len(jobs)

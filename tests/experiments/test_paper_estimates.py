@@ -6,8 +6,8 @@ import polars as pl
 import pytest
 from scipy import stats
 
+from experiments.estimates import RECORDED, cluster_bootstrap, estimate
 from experiments.jobs import as_rows
-from experiments.paper.estimates import RECORDED, cluster_bootstrap, estimate
 from mdkf.tables import FloatArray
 
 

@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 from scipy import stats
 
-from experiments.paper.estimates import cluster_bootstrap
-from experiments.paper.evidence import evidence, evidence_of_recordings
+from experiments.claims.evidence import evidence, evidence_of_recordings
+from experiments.estimates import cluster_bootstrap
 from mdkf.tables import FloatArray
 
 

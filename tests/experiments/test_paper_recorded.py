@@ -18,8 +18,8 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES
 from experiments.kitti.run import Plan, run
 from experiments.occlusion import OcclusionProtocol
-from experiments.paper import recorded
-from experiments.paper.recorded import METRICS, Recorded
+from experiments.studies import recorded
+from experiments.studies.recorded import METRICS, Recorded
 from scenarios.kitti import kitti_root
 
 there = pytest.mark.skipif(

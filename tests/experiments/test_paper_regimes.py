@@ -12,12 +12,14 @@ import pytest
 from polars.testing import assert_frame_equal
 
 import mdkf
-from experiments.paper import regime_figure, regime_tables, regimes
-from experiments.paper.estimates import Estimate
+from experiments.estimates import Estimate
+from experiments.paper import regime_figure, regime_tables
 from experiments.paper.item import Answer
-from experiments.paper.motions import REGIMES, Regime
 from experiments.paper.regime_tables import NOTES, OPPONENTS, agreement, verdict
-from experiments.paper.regimes import (
+from experiments.statistics import mean_interval, mean_intervals
+from experiments.studies import regimes
+from experiments.studies.motions import REGIMES, Regime
+from experiments.studies.regimes import (
     BY_ID,
     DRAWN,
     FILTERS,
@@ -29,7 +31,6 @@ from experiments.paper.regimes import (
     Noise,
     drawn,
 )
-from experiments.statistics import mean_interval, mean_intervals
 from mdkf.reference import filterpy_kalman
 from mdkf.tables import FloatArray
 from tests.experiments.commands import Mdkf, assert_refused

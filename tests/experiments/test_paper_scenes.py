@@ -10,12 +10,12 @@ import pytest
 import scenarios
 import sim_bridge
 from experiments.jobs import ROWS
-from experiments.natural import natural_gaps, rows_of
 from experiments.paper.item import Answer, again
 from experiments.paper.items import ITEMS
-from experiments.paper.scale import FULL, QUICK
 from experiments.paper.scene_items import SCENES
-from experiments.paper.scenes import Scene, jobs
+from experiments.studies.natural import natural_gaps, rows_of
+from experiments.studies.scale import FULL, QUICK
+from experiments.studies.scenes import Scene, jobs
 from mdkf import DETECTORS, Detections, Trace, Tracker, estimator
 from mdkf.reference import filterpy_kalman
 from mdkf.tables import FloatArray

@@ -10,7 +10,8 @@ import scenarios
 import sim_bridge
 from experiments.jobs import ROWS
 from experiments.paper.item import again
-from experiments.paper.showcase import FILTERS, Scene, answer, hidden_cars, show
+from experiments.paper.showcase import ITEMS, answer
+from experiments.studies.showcase import FILTERS, Scene, hidden_cars, show
 from mdkf import Detections, Trace
 from mdkf.tables import KINDS
 
@@ -117,4 +118,6 @@ def test_the_page_is_of_the_scene() -> None:
     kind = KINDS[shown.trace.kind[shown.trace.rows_of(shown.hidden.object_id)[0]]]
     assert kind == "car"
     assert shown.title() == "passing_bus, seed 0: a bus hides a standing car for 2.1 s"
-    assert f'"focus":{CAR},' in shown.page()
+    page = next(item for item in ITEMS if item.id == "playback").answer(Scene("passing_bus").rows())
+    assert page.pictures[0].page is not None
+    assert f'"focus":{CAR},' in page.pictures[0].page()

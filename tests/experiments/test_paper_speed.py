@@ -13,10 +13,11 @@ import pytest
 from experiments.bench import filters
 from experiments.bench.measure import Case
 from experiments.jobs import ROWS, as_rows
-from experiments.paper import speed, speed_tables, worlds
+from experiments.paper import speed_tables
 from experiments.paper.item import Answer
-from experiments.paper.scale import QUICK
-from experiments.paper.speed import FILTERS, LATENCY, RECORDED, TO_CA, TO_MD, TRACKER, Timing
+from experiments.studies import speed, worlds
+from experiments.studies.scale import QUICK
+from experiments.studies.speed import FILTERS, LATENCY, RECORDED, TO_CA, TO_MD, TRACKER, Timing
 from mdkf import MotionDynamics
 from tests.sim_bridge.kitti_folder import FOUND, GOOD, written
 

@@ -8,11 +8,13 @@ import pytest
 
 from experiments.drift import drift
 from experiments.occlusion import Gaps, OcclusionProtocol
-from experiments.paper import switches, switching, switching_worlds
+from experiments.paper import switching
 from experiments.paper.items import ITEMS
-from experiments.paper.scale import QUICK
-from experiments.paper.switches import GAP, HISTORY, RESPONSE, Switched, delay
-from experiments.paper.switching_worlds import (
+from experiments.studies import switches
+from experiments.studies import switching as switching_worlds
+from experiments.studies.scale import QUICK
+from experiments.studies.switches import GAP, HISTORY, RESPONSE, Switched, delay
+from experiments.studies.switching import (
     KINDS,
     TOLD,
     Followed,
@@ -22,7 +24,7 @@ from experiments.paper.switching_worlds import (
     scored,
     truth_of,
 )
-from experiments.paper.worlds import detected, simulated
+from experiments.studies.worlds import detected, simulated
 from mdkf import DETECTORS, Detections, Trace, estimator
 from mdkf.reference import filterpy_kalman
 from mdkf.tables import REGIMES, FloatArray

@@ -12,11 +12,12 @@ import polars as pl
 import pytest
 
 from experiments.jobs import as_rows
-from experiments.paper import detector_tables, occlusion_tables, range_tables, worlds
+from experiments.paper import detector_tables, occlusion_tables, range_tables
 from experiments.paper.item import Answer, Item, again
-from experiments.paper.recorded import METRICS, Recorded
-from experiments.paper.scale import QUICK
-from experiments.paper.worlds import World
+from experiments.studies import worlds
+from experiments.studies.recorded import METRICS, Recorded
+from experiments.studies.scale import QUICK
+from experiments.studies.worlds import World
 
 ITEMS: dict[str, Item] = {
     item.id: item

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
-from experiments.signals import onset, release, separation, signals
+from experiments.studies.signals import onset, release, separation, signals
 from mdkf import Estimator, MotionDynamics, estimator
 from mdkf.reference import filterpy_imm, filterpy_kalman
 from mdkf.tables import FloatArray

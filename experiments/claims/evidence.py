@@ -1,7 +1,7 @@
 """Paired values of scenarios and seeds into evidence: is the effect above a limit, or below it?
 
 An effect is the mean over scenarios of the mean over their seeds, as in
-`experiments.paper.estimates`, and what is drawn is the same. The p-values and the interval are of
+`experiments.estimates`, and what is drawn is the same. The p-values and the interval are of
 the studentised bootstrap (Davison & Hinkley, 1997, section 5.2.1): t* = (mean* - mean) / error*,
 error the standard error of the scenarios' means. p-values that are corrected for their number come
 from far out in the tails, where percentiles of so few clusters as there are scenarios are too
@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 from scipy import stats
 
-from experiments.paper.estimates import by_scenario, drawn, of_recordings
+from experiments.estimates import by_scenario, drawn, of_recordings
 from experiments.statistics import CONFIDENCE
 from mdkf.tables import FloatArray
 

@@ -21,10 +21,10 @@ from rich.markup import escape
 from rich.table import Table
 from scipy import stats
 
-from experiments.paper import claims
-from experiments.paper.claims import SOURCES, Hypothesis, Part, Source
-from experiments.paper.estimates import RECORDED, Where, by_scenario, chosen, paired
-from experiments.paper.evidence import RESAMPLES, Evidence, evidence, evidence_of_recordings
+from experiments.claims import hypotheses as claims
+from experiments.claims.evidence import RESAMPLES, Evidence, evidence, evidence_of_recordings
+from experiments.claims.hypotheses import SOURCES, Hypothesis, Part, Source
+from experiments.estimates import RECORDED, Where, by_scenario, chosen, paired
 from experiments.statistics import CONFIDENCE, mean_interval
 
 HOLDS = "holds"
@@ -69,11 +69,11 @@ SCOREBOARD = {
 }
 """Columns of the verdicts. reason: why it cannot be tested, else null. claim: the paper's sentence.
 effect: of one part of the conjunction, the one that `where`, `against`, `than` and `than_against`
-name (JSON, `experiments.paper.claims.Part`): where it is contradicted the one that does so most
-surely, else the least favourable. low, high: its 95 % interval, not corrected; null on a side that
-nothing bounds. p, p_holm: of all parts. scenarios_for, scenarios_against: in how many scenarios
-this part's effect is beyond the limit, and short of it, by Student's t over their seeds alone: for
-context. parts: of the conjunction."""
+name (JSON, `experiments.claims.hypotheses.Part`): where it is contradicted the one that does so
+most surely, else the least favourable. low, high: its 95 % interval, not corrected; null on a side
+that nothing bounds. p, p_holm: of all parts. scenarios_for, scenarios_against: in how many
+scenarios this part's effect is beyond the limit, and short of it, by Student's t over their seeds
+alone: for context. parts: of the conjunction."""
 
 
 @dataclass(frozen=True)

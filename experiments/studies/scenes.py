@@ -1,5 +1,5 @@
-"""Single scenes into rows of errors: cars that traffic hides (`experiments.natural`), tracked by
-every filter, alone (`experiments.drift`) and in the tracker (`experiments.phases`)."""
+"""Single scenes into rows of errors: cars that traffic hides (`experiments.studies.natural`),
+tracked by every filter, alone (`experiments.drift`) and in the tracker (`experiments.phases`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,10 @@ import sim_bridge
 from experiments.drift import drift
 from experiments.jobs import ROWS, as_rows
 from experiments.metrics import bird_iou
-from experiments.natural import (
+from experiments.occlusion import Gaps
+from experiments.phases import gap_errors
+from experiments.studies import worlds
+from experiments.studies.natural import (
     HORIZON,
     Gap,
     as_gaps,
@@ -25,11 +28,8 @@ from experiments.natural import (
     rows_of,
     steady,
 )
-from experiments.occlusion import Gaps
-from experiments.paper import worlds
-from experiments.paper.scale import Scale
-from experiments.paper.worlds import FILTERS, ORDER_2, ORDER_3, RETUNED
-from experiments.phases import gap_errors
+from experiments.studies.scale import Scale
+from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3, RETUNED
 from mdkf import DETECTORS, Detections, Trace, Tracker, Tracks, estimator
 from mdkf.tables import FloatArray
 

@@ -2,7 +2,7 @@
 folder of recordings is there (`scenarios.kitti.kitti_root`), and no jobs where it is not.
 
 Scenario `val` is all sequences together, `val-SSSS` all but sequence SSSS (for the jackknife of
-`experiments.paper.estimates`); there are no seeds.
+`experiments.estimates`); there are no seeds.
 """
 
 import hashlib
@@ -14,6 +14,7 @@ from typing import Any
 
 import polars as pl
 
+from experiments.estimates import RECORDED
 from experiments.jobs import as_rows
 from experiments.kitti.recordings import (
     DetectorFolder,
@@ -25,8 +26,7 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES
 from experiments.kitti.run import Plan, run
 from experiments.occlusion import OcclusionProtocol
-from experiments.paper.estimates import RECORDED
-from experiments.paper.worlds import FILTERS
+from experiments.studies.worlds import FILTERS
 from scenarios.kitti import kitti_root
 
 FOLDERS = {"pointrcnn": "pointrcnn", "pvrcnn": "pvcnn", "second": "second_iou"}

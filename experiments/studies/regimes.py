@@ -1,6 +1,6 @@
 """Motion regimes into the filters' errors in a gap, by Monte Carlo.
 
-Closed-form motions (`experiments.paper.motions`), white measurement noise in the history, no
+Closed-form motions (`experiments.studies.motions`), white measurement noise in the history, no
 measurement in the gap, every filter on the same measurements with the true noise covariance:
 perfect association, no clutter, no deletion. A value is the mean position error of one seed over
 the gap's first frames.
@@ -16,8 +16,8 @@ import polars as pl
 import mdkf
 from experiments.bins import EVERYTHING
 from experiments.jobs import as_rows
-from experiments.paper.motions import REGIMES, Regime
-from experiments.paper.scale import Scale
+from experiments.studies.motions import REGIMES, Regime
+from experiments.studies.scale import Scale
 from mdkf import DETECTORS, Estimator, MotionDynamics
 from mdkf.tables import FloatArray
 from sim_bridge.randomness import stream

@@ -1,7 +1,7 @@
 """Motions with one switch of regime into what filters believe around it, and into their drift in
 gaps that begin around it.
 
-Closed form (`experiments.paper.motions`), the switch at time zero, each track in a direction of
+Closed form (`experiments.studies.motions`), the switch at time zero, each track in a direction of
 its own; white noise of the detector's variances, which every filter knows. Perfect association, no
 clutter, no deletion. A signal is compared with that of control tracks in the same frame, which are
 as old and have been in the quieter of both regimes all the time. Tracks are done in batches: a
@@ -17,10 +17,10 @@ import numpy as np
 import polars as pl
 
 from experiments.jobs import as_rows
-from experiments.paper.motions import Straight
-from experiments.paper.scale import Scale
-from experiments.paper.worlds import ORDER_2, ORDER_3
-from experiments.signals import onset, release, separation, signals
+from experiments.studies.motions import Straight
+from experiments.studies.scale import Scale
+from experiments.studies.signals import onset, release, separation, signals
+from experiments.studies.worlds import ORDER_2, ORDER_3
 from mdkf import DETECTORS, Estimator, estimator, filter_sequence
 from mdkf.tables import FloatArray
 from sim_bridge.randomness import stream

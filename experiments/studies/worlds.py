@@ -14,8 +14,8 @@ from experiments.bins import EVERYTHING
 from experiments.drift import drift
 from experiments.jobs import ROWS, as_rows
 from experiments.occlusion import Gaps, OcclusionProtocol
-from experiments.paper.scale import Scale
 from experiments.score import score
+from experiments.studies.scale import Scale
 from mdkf import DETECTORS, Detections, Estimator, Trace, Tracker, estimator
 from mdkf.tables import REGIMES
 

@@ -18,10 +18,10 @@ import sim_bridge
 from experiments.drift import followed
 from experiments.jobs import ROWS, as_rows
 from experiments.occlusion import Gaps, OcclusionProtocol
-from experiments.paper.scale import Scale
-from experiments.paper.worlds import ORDER_2, ORDER_3, detected, simulated, traffic
 from experiments.phases import WINDOW
-from experiments.signals import separation, signals
+from experiments.studies.scale import Scale
+from experiments.studies.signals import separation, signals
+from experiments.studies.worlds import ORDER_2, ORDER_3, detected, simulated, traffic
 from mdkf import DETECTORS, Detections, Estimator, Trace, estimator
 from mdkf.tables import CLUTTER, REGIMES, BoolArray, FloatArray, IntArray
 from sim_bridge.regimes import CONSTANT_VELOCITY
@@ -31,7 +31,7 @@ DETECTOR = "virconv"
 OCCLUSION = "mid:20"
 FILTERS = (*ORDER_2, "md-posterior", *ORDER_3)
 """With the one reading of MD whose w_a responds to switches in closed form
-(`experiments.paper.switches`); all of them are told there."""
+(`experiments.studies.switches`); all of them are told there."""
 
 PHASES = ("in view", "gap", "after")
 IN_VIEW, GAP, AFTER = range(len(PHASES))

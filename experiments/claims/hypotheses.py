@@ -13,7 +13,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from experiments.paper.estimates import Where
+from experiments.estimates import Where
 from scenarios.settings import Settings, read_settings
 
 FILE = Path(__file__).with_name("claims.yaml")

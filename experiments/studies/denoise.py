@@ -20,11 +20,11 @@ import polars as pl
 import sim_bridge
 from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
 from experiments.bins import EVERYTHING
+from experiments.estimates import RECORDED
 from experiments.jobs import ROWS, as_rows
-from experiments.journeys import SCENARIO, journeys
 from experiments.kitti.recordings import sequences_in
-from experiments.paper import worlds
-from experiments.paper.estimates import RECORDED
+from experiments.studies import worlds
+from experiments.studies.journeys import SCENARIO, journeys
 from mdkf import DETECTORS, Detections, MotionDynamics, Trace
 from mdkf.motion_dynamics import Denoise
 from mdkf.settings import FOLDERS

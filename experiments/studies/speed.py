@@ -15,8 +15,8 @@ from experiments.bench import filters, recordings, trackers
 from experiments.bench.measure import Block, Samples, measure
 from experiments.bench.plan import Plan
 from experiments.jobs import as_rows
-from experiments.paper import worlds
-from experiments.paper.scale import Scale
+from experiments.studies import worlds
+from experiments.studies.scale import Scale
 
 STUDY = "speed"
 NAMES = worlds.ORDER_2
