@@ -108,14 +108,31 @@ def _add_errors(cells: Cells, table: str, columns: Sequence[tuple[str, str]]) ->
 
 
 def _add_areas(cells: Cells, traffic: pl.DataFrame) -> None:
-    """Areas under the curve, of every signal and task."""
-    for name, signal in _signals(traffic, f" {next(iter(TASKS))}"):
-        where = {"study": switching_worlds.STUDY, "filter": name}
-        for period, heading in (("all", ""), ("recent", ", just begun")):
-            for task in TASKS:
-                place = (AREA, f"{name}: {signal}", f"{task}{heading}")
-                metric = {"metric": f"{signal} {task}", "bin": period}
-                cells.add(place, {**where, **metric}, "", decimals=3, better="higher")
+    """Areas under the curve, of every signal and task, and by how much weights and probabilities
+    do better than what any filter has."""
+    columns = [
+        (f"{task}{heading}", task, period)
+        for period, heading in (("all", ""), ("recent", ", just begun"))
+        for task in TASKS
+    ]
+    told = list(_signals(traffic, f" {next(iter(TASKS))}"))
+    for name, signal in told:
+        for column, task, period in columns:
+            own = _area(name, signal, task, period)
+            place = (AREA, f"{name}: {signal}", column)
+            cells.add(place, own, "", decimals=3, better="higher")
+    for name, signal in told:
+        for column, task, period in columns if signal not in PLAIN else ():
+            plain = _area("ca", PLAIN[task == "manoeuvre"], task, period)
+            own = _area(name, signal, task, period)
+            place = (GAIN, f"{name}: {signal}", column)
+            cells.add(place, own, "", decimals=3, against=plain)
+
+
+def _area(name: str, signal: str, task: str, period: str) -> dict[str, str]:
+    """Where the area under a signal's curve is."""
+    where = {"study": switching_worlds.STUDY, "filter": name}
+    return {**where, "bin": period, "metric": f"{signal} {task}"}
 
 
 def _add_confusion(cells: Cells) -> None:
@@ -129,18 +146,19 @@ def _add_confusion(cells: Cells) -> None:
 
 
 def _add_delays(cells: Cells, switched: pl.DataFrame) -> None:
-    """Delays of every signal, and how often it responds at all."""
-    for table, unit, decimals, what in ((DELAY, "s", 2, "delay"), (SHARE, "%", 0, "responds")):
-        for name, signal in _signals(switched, " delay"):
-            for switch in SWITCHES:
-                where = {"study": switches.STUDY, "scenario": switch.id, "filter": name}
-                cells.add(
-                    (table, f"{name}: {signal}", switch.id),
-                    {**where, "metric": f"{signal} {what}"},
-                    unit,
-                    source="closed form",
-                    decimals=decimals,
-                )
+    """How often every signal responds, and how late, where at least half of the batches do."""
+    responding = []
+    told = list(_signals(switched, " delay"))
+    for switch in SWITCHES:
+        for name, signal in told:
+            where = {"study": switches.STUDY, "scenario": switch.id, "filter": name}
+            place = (f"{name}: {signal}", switch.id)
+            own = {**where, "metric": f"{signal} responds"}
+            share = cells.add((SHARE, *place), own, "%", source="closed form", decimals=0)
+            if share.value >= 50.0:
+                responding.append((place, {**where, "metric": f"{signal} delay"}))
+    for place, own in responding:
+        cells.add((DELAY, *place), own, "s", source="closed form")
 
 
 def _confusion_table(kind: str) -> str:
@@ -160,6 +178,9 @@ def _signals(rows: pl.DataFrame, ending: str) -> Iterator[tuple[str, str]]:
 
 
 AREA = "area under the curve"
+PLAIN = ("speed", "acceleration")
+"""Signals of any filter: of motion, and of manoeuvres."""
+GAIN = "area under the curve, less that of CA's speed, for manoeuvres of its acceleration"
 DELAY = "delay from the switch to the response"
 SHARE = "batches of tracks with a response"
 RESPONSE_CAPTIONS = {
@@ -175,11 +196,12 @@ RESPONSE_CAPTIONS = {
     " for manoeuvring where MD's w_a is 1 on an axis, IMM's constant velocity has less than half"
     f" of the probability, or the estimated acceleration is {CONSTANT_VELOCITY:g} m/s2 or more"
     " (CA, CJ).",
-    DELAY: "A signal responds where the probability that it exceeds that of a control track, which"
-    " is always in the quieter regime, steps from chance to certain, or back (least squares), for"
-    f" {switches.HELD * switches.DT:g} s at least; mean over the batches with a response.",
-    SHARE: f"Batches of {switches.BATCH} tracks; a response is looked for in the"
-    f" {switches.RESPONSE.stop * switches.DT:g} s after the switch.",
+    SHARE: f"Batches of {switches.BATCH} tracks. A signal responds where the probability that it"
+    " exceeds that of a control track, which is always in the quieter regime, steps from chance to"
+    " certain, or back (least squares),"
+    f" within {switches.RESPONSE.stop * switches.DT:g} s of the switch and for"
+    f" {switches.HELD * switches.DT:g} s at least.",
+    DELAY: "Mean over the batches with a response, where they are half of all or more.",
 }
 
 PLACE = "not in the paper: switches of regime"
