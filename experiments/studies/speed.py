@@ -4,8 +4,11 @@ All filters of one size are measured in interleaved rounds, so that they can be 
 round. A round's number stands in the place of the seed. Only the CPU time of the thread counts.
 """
 
+import ctypes
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
@@ -67,8 +70,9 @@ class Timing:
         """`latency` [us], `ratio to ca` and `ratio to md` by filter and round. Bin or detector:
         what it is of."""
         block = _BLOCKS[self.part](self.of)
-        # A progress bar's thread is not on this clock.
-        samples = measure([block], self.rounds, PLAN.shortest, clock=time.thread_time)
+        with memory_kept():
+            # A progress bar's thread is not on this clock.
+            samples = measure([block], self.rounds, PLAN.shortest, clock=time.thread_time)
         return as_rows(self.measured(samples), study=STUDY)
 
     def measured(self, samples: Samples) -> Iterator[dict[str, Any]]:
@@ -102,6 +106,31 @@ def scenario(part: str, tier: str) -> str:
 def objects(number: int) -> str:
     """The bin of a number of objects."""
     return f"{number} object{'s' * (number != 1)}"
+
+
+@contextmanager
+def memory_kept() -> Iterator[None]:
+    """Within it glibc keeps what is freed for the next run, where glibc is the C library.
+
+    Otherwise it gives memory back to the system between runs and gets it anew page by page, or
+    does not, by what else the process did before: up to twice the time, for one filter or another.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    if mallopt is None:
+        yield
+        return
+    for parameter in _KEPT:
+        mallopt(parameter, _ALL)
+    try:
+        yield
+    finally:
+        for parameter, usual in _KEPT.items():
+            mallopt(parameter, usual)
+
+
+_KEPT: Mapping[int, int] = {-1: 128 * 1024, -3: 128 * 1024}
+"""glibc's M_TRIM_THRESHOLD and M_MMAP_THRESHOLD, with their usual values [bytes] (malloc.h)."""
+_ALL = 2**31 - 1
 
 
 def _filters(tracks: int) -> Block:
