@@ -32,7 +32,16 @@ _ROOMS = (
     ablations,
 )
 
-ITEMS: Mapping[str, Item] = MappingProxyType(
-    {item.id: item for room in _ROOMS for item in room.ITEMS}
+_ORDER = (
+    *("playback", "fig-tradeoff", "fig-dynamics", "fig-denoise"),
+    *("table-models", "table-range", "table-derivative", "fig-stationary", "fig-occlusion"),
+    *("fig-objects", "table-baseline", "fig-detectors", "table-idsw", "table-waymo"),
+    *("fig-offscene", "fig-trajectory", "table-runtime", "table-occlusion"),
+    *("regimes", "switching-error", "switching-response", "switching-gap", "ablations"),
 )
+"""The paper's, then what it does not ask; first of all something to look at."""
+
+_BY_ID = {item.id: item for room in _ROOMS for item in room.ITEMS}
+
+ITEMS: Mapping[str, Item] = MappingProxyType({name: _BY_ID[name] for name in _ORDER})
 """Items by name, in the order of the paper."""

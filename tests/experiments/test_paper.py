@@ -232,3 +232,11 @@ def test_the_list_names_every_item(mdkf_command: Mdkf) -> None:
     listed = json.loads(mdkf_command("paper", "--list", "--json").out)["rows"]
     assert [row["id"] for row in listed] == list(ITEMS)
     assert all(row["question"].endswith("?") and row["place"] for row in listed)
+
+
+def test_every_item_of_every_room_is_asked() -> None:
+    """None is left out of the order, and each asks a question."""
+    from experiments.paper import items
+
+    assert set(items.ITEMS) == set(items._BY_ID)
+    assert sum(len(room.ITEMS) for room in items._ROOMS) == len(items.ITEMS)
