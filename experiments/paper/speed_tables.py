@@ -56,8 +56,8 @@ PAPER_TIMES: Mapping[str, tuple[float, float, float]] = {
 """Time per frame of the baseline and with motion dynamics, and the time added [us]."""
 
 MACHINE = (
-    "Means over interleaved rounds of one thread's CPU time on the machine at hand, with memory kept"
-    " from run to run: they differ from one measurement to the next; ratios are formed within"
+    "Means over interleaved rounds of one thread's CPU time on the machine at hand, with memory"
+    " kept from run to run: they differ from one measurement to the next; ratios are formed within"
     " rounds."
 )
 
