@@ -14,7 +14,7 @@ from polars.testing import assert_frame_equal
 import mdkf
 from experiments.estimates import Estimate
 from experiments.paper import regime_figure, regime_tables
-from experiments.paper.item import Answer
+from experiments.paper.item import Answer, again
 from experiments.paper.regime_tables import NOTES, OPPONENTS, agreement, verdict
 from experiments.statistics import mean_interval, mean_intervals
 from experiments.studies import regimes
@@ -255,6 +255,20 @@ def test_every_row_that_is_kept_is_shown(rows: pl.DataFrame, answer: Answer) -> 
     single = rows.filter(frames)
     assert set(single["filter"]) == set(DRAWN)
     assert set(single["occlusion"]) == {"gap 20 after 40"}
+
+
+def test_every_number_is_found_again_in_all_rows(rows: pl.DataFrame, answer: Answer) -> None:
+    """From what the cell names, whatever else was measured; of every 25th cell."""
+    other = rows.with_columns(pl.lit("another").alias("study"), pl.col("value") + 1)
+    shown = answer.cells.filter(pl.col("value").is_not_null()).gather_every(25).to_dicts()
+    assert len(shown) > 5
+    for one in shown:
+        estimate = again(pl.concat([other, rows]), one)
+        assert (estimate.value, estimate.low, estimate.high) == (
+            one["value"],
+            one["low"],
+            one["high"],
+        )
 
 
 def test_md_is_ca_while_its_window_is_not_full(answer: Answer) -> None:
