@@ -7,7 +7,7 @@ import polars as pl
 from experiments.jobs import Job
 from experiments.paper import published
 from experiments.paper.item import Answer, Cells, Item
-from experiments.paper.scores import DRIFT, HOTA, IDF1, MOTA, OPPONENTS, add_scores, simulated
+from experiments.paper.scores import DRIFT, HOTA, IDF1, MOTA, add_scores, simulated
 from experiments.paper.scores import recorded as recorded_where
 from experiments.studies import recorded, worlds
 from experiments.studies.scale import Scale
@@ -15,6 +15,7 @@ from experiments.studies.worlds import Setting
 
 DETECTOR = "virconv"
 RECORDED_DETECTOR = "pointrcnn"
+SUBJECTS = ("md", "md3")
 OCCLUSIONS = tuple(f"{kind}:{length}" for kind in ("late", "mid") for length in (10, 20))
 
 IN_KIND = (
@@ -40,11 +41,11 @@ def answer(rows: pl.DataFrame) -> Answer:
         kind, length = occlusion.split(":")
         table = f"{kind}, {length} frames"
         where, paper = simulated(DETECTOR, occlusion), published.of_occlusion(occlusion)
-        add_scores(cells, table, where, tuple(OPPONENTS), (HOTA, MOTA, IDF1, DRIFT), paper)
+        add_scores(cells, table, where, SUBJECTS, (HOTA, MOTA, IDF1, DRIFT), paper)
         real = recorded_where(rows, RECORDED_DETECTOR, occlusion)
         if real:
             columns = (HOTA, MOTA, IDF1)
-            add_scores(cells, table, real, tuple(OPPONENTS), columns, source="recorded")
+            add_scores(cells, table, real, SUBJECTS, columns, source="recorded")
     return Answer(cells.frame())
 
 

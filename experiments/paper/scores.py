@@ -9,12 +9,15 @@ import polars as pl
 from experiments.estimates import RECORDED, Where
 from experiments.paper.item import Better, Cells, Source
 from experiments.paper.published import Scores
-from experiments.studies.worlds import ORDER_2, ORDER_3, STUDY
+from experiments.studies.worlds import ORDER_2, ORDER_3, RETUNED, STUDY
+
+RETUNED_2 = RETUNED[: len(ORDER_2)]
+"""The filters of order 2 with the other start variances, in the same order."""
 
 OPPONENTS: Mapping[str, tuple[str, ...]] = {
-    family[-1]: family[:-1] for family in (ORDER_2, ORDER_3)
+    family[-1]: family[:-1] for family in (ORDER_2, ORDER_3, RETUNED_2)
 }
-"""Filters that MD is compared with, by MD's name, of the same order."""
+"""Filters that MD is compared with, by MD's name: of the same order and start variances."""
 
 TOLD_MINUS = "\N{MINUS SIGN}"
 

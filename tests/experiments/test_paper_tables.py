@@ -14,7 +14,8 @@ import pytest
 from experiments.jobs import as_rows
 from experiments.paper import detector_tables, occlusion_tables, range_tables
 from experiments.paper.item import Answer, Item, again
-from experiments.studies import worlds
+from experiments.paper.scores import RETUNED_2
+from experiments.paper.tables import told_value
 from experiments.studies.recorded import METRICS, Recorded
 from experiments.studies.scale import QUICK
 from experiments.studies.worlds import World
@@ -44,7 +45,7 @@ def rows_of(detector: str, occlusion: str, bins: tuple[str, ...]) -> pl.DataFram
         | {"value": made_up(detector, occlusion, name, one, metric, scenario, seed)}
         for scenario in SCENARIOS
         for seed in SEEDS
-        for name in worlds.FILTERS
+        for name in (*worlds.FILTERS, *RETUNED_2)
         for one in bins
         for metric in metrics
     ]
@@ -115,6 +116,12 @@ def mean(detector: str, occlusion: str, name: str, one: str, metric: str) -> flo
             ("VirConv", "imm-zero", "HOTA"),
             ("virconv", "none", "imm-zero", "all", "hota"),
             86.10,
+        ),
+        (
+            "table-models",
+            ("VirConv", "imm-retuned", "HOTA"),
+            ("virconv", "none", "imm-retuned", "all", "hota"),
+            None,
         ),
         (
             "table-derivative",
@@ -301,10 +308,23 @@ def test_without_recordings_a_table_stands_without_them(
     assert cells["value"].null_count() == 0
 
 
+def test_differences_are_shown_with_their_sign_and_nothing_is_minus_zero() -> None:
+    """Others are shown without."""
+    one: dict[str, Any] = {"decimals": 2, "low": None, "high": None}
+    for value, plain, signed in ((-0.001, "0.00", "+0.00"), (0.5, "0.50", "+0.50")):
+        assert told_value({**one, "value": value, "against": None}) == plain
+        assert told_value({**one, "value": value, "against": "{}"}) == signed
+    low = {**one, "value": -0.5, "low": -0.75, "high": -0.25, "against": "{}"}
+    assert told_value(low) == "-0.50 ±0.25"
+
+
 def test_items_share_their_work() -> None:
-    """Eleven settings make all tables, and four recorded occlusions of one detector."""
+    """Eleven settings with all filters make all tables, one more the other start variances; hidden
+    detections are recorded of one detector."""
     wanted = [job for item in ITEMS.values() for job in item.jobs(QUICK)]
-    settings = {job.setting for job in wanted if isinstance(job, World)}
+    every = {job.setting for job in wanted if isinstance(job, World)}
+    settings = {one for one in every if one.filters == worlds.FILTERS}
+    assert len(every - settings) == 1
     assert sum(one.occlusion == "none" for one in settings) == 7
     assert sum(one.occlusion != "none" for one in settings) == 4
     on_recordings = {job for job in wanted if isinstance(job, Recorded)}
