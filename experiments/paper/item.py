@@ -41,6 +41,8 @@ null where neither is. paper: the paper's own value. where: the rows of `runs.pa
 the estimate of, a JSON object of columns and values; against: null, or the columns replaced in
 those it is a paired difference from."""
 
+PARTED = ("study", "metric")
+
 Source = Literal["synthetic", "recorded", "closed form", "machine"]
 Better = Literal["higher", "lower"] | None
 
@@ -89,6 +91,8 @@ class Cells:
     def __init__(self, item: str, rows: pl.DataFrame) -> None:
         self._item = item
         self._rows = rows
+        # Thousands of cells ask for a few rows of millions, most of them by study and metric.
+        self._parts = rows.partition_by(*PARTED, as_dict=True)
         self._cells: list[dict[str, Any]] = []
 
     def add(
@@ -108,7 +112,7 @@ class Cells:
 
         A cell without a value is there too, empty.
         """
-        found = estimate(self._rows, where, against)
+        found = estimate(self._part(where, against or {}), where, against)
         place_of = dict(zip(("table", "line", "column"), place, strict=True))
         values: dict[str, Any] = {"item": self._item, **place_of}
         values.update(source=source, unit=unit, decimals=decimals, better=better, paper=paper)
@@ -117,6 +121,12 @@ class Cells:
         values["against"] = None if against is None else json.dumps(dict(against))
         self._cells.append(values)
         return found
+
+    def _part(self, where: Where, against: Where) -> pl.DataFrame:
+        """Rows among which are all that are asked for."""
+        if not where.keys() >= set(PARTED) or against.keys() & set(PARTED):
+            return self._rows
+        return self._parts.get(tuple(where[name] for name in PARTED), self._rows.clear())
 
     def frame(self) -> pl.DataFrame:
         """The cells, with the columns `CELLS`."""

@@ -16,6 +16,7 @@ from experiments.paper import detector_tables, occlusion_tables, range_tables
 from experiments.paper.item import Answer, Item, again
 from experiments.paper.scores import RETUNED_2
 from experiments.paper.tables import told_value
+from experiments.studies import worlds
 from experiments.studies.recorded import METRICS, Recorded
 from experiments.studies.scale import QUICK
 from experiments.studies.worlds import World
