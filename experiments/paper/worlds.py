@@ -59,7 +59,7 @@ class World:
         own = self.setting
         return {
             "study": STUDY,
-            "scenario": scenarios.load(self.scenario).identity(),
+            "scenario": _identity(self.scenario),
             "seed": self.seed,
             "detector": own.detector,
             "occlusion": own.occlusion,
@@ -128,6 +128,15 @@ def traffic() -> tuple[str, ...]:
     return tuple(name for name in known if scenarios.load(name).source in driven)
 
 
+@cache
+def _identity(scenario: str) -> str:
+    """Of every job a key is asked for several times; reading a scenario takes longer than that."""
+    return scenarios.load(scenario).identity()
+
+
+_profile = cache(sim_bridge.load_profile)
+
+
 @lru_cache(maxsize=1)
 def _simulated(scenario: str, seed: int) -> Trace:
     cache = sim_bridge.user_cache()
@@ -137,7 +146,7 @@ def _simulated(scenario: str, seed: int) -> Trace:
 
 @lru_cache(maxsize=1)
 def _detected(scenario: str, seed: int, profile: str) -> Detections:
-    return sim_bridge.detect(_simulated(scenario, seed), profile, seed)
+    return sim_bridge.detect(_simulated(scenario, seed), _profile(profile), seed)
 
 
 @cache
