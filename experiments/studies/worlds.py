@@ -139,6 +139,9 @@ def traffic() -> tuple[str, ...]:
     return tuple(name for name in known if scenarios.load(name).source in driven)
 
 
+_profile = cache(sim_bridge.load_profile)
+
+
 @lru_cache(maxsize=1)
 def simulated(scenario: str, seed: int) -> Trace:
     """The trace of a scenario's seed; the last one asked for is kept. Raises `SeedRefused`."""
@@ -150,7 +153,7 @@ def simulated(scenario: str, seed: int) -> Trace:
 @lru_cache(maxsize=1)
 def detected(scenario: str, seed: int, profile: str) -> Detections:
     """Its detections, by a profile's name; the last ones asked for are kept."""
-    return sim_bridge.detect(simulated(scenario, seed), profile, seed)
+    return sim_bridge.detect(simulated(scenario, seed), _profile(profile), seed)
 
 
 @cache
