@@ -2,6 +2,7 @@
 to them, and a second run does only what is missing."""
 
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from experiments.claims.hypotheses import load
 from experiments.estimates import estimate
 from experiments.paper.item import CELLS, Answer, Cells, Item, Picture, again
 from experiments.paper.items import ITEMS
@@ -17,7 +19,9 @@ from experiments.paper.run import Results, run
 from experiments.paper.tables import told_value
 from experiments.studies import worlds
 from experiments.studies.scale import QUICK, SCALES
+from experiments.studies.showcase import Scene
 from experiments.studies.worlds import Setting, World
+from tests.experiments.browser import Browser, needs_browser
 from tests.experiments.commands import Mdkf, assert_refused
 
 SETTING = Setting("pointrcnn", "mid:10", ("ca", "md"), ("range,level",))
@@ -240,3 +244,29 @@ def test_every_item_of_every_room_is_asked() -> None:
 
     assert set(items.ITEMS) == set(items._BY_ID)
     assert sum(len(room.ITEMS) for room in items._ROOMS) == len(items.ITEMS)
+
+
+@needs_browser
+def test_the_page_loads_scrubs_and_complains_of_nothing(results: Results, tmp_path: Path) -> None:
+    """In a browser, without a network: contents, claims, tables, a figure and a playback."""
+    bus = ITEMS["playback"]
+    shown = bus.answer(Scene("passing_bus").rows())
+    answers = {**results.answers, bus.id: replace(shown, pictures=shown.pictures[:1])}
+    cells = pl.concat([results.cells, shown.cells])
+    given = (answers, cells, results.verdicts, QUICK)
+    path = write_report([ITEM, bus], *given, tmp_path, "mdkf paper")
+    with Browser(tmp_path) as browser:
+        page = browser.open(path)
+        assert page.value("document.querySelectorAll('nav a').length") == 3
+        assert page.value("document.querySelectorAll('#claims tbody tr').length") == len(load())
+        assert page.value("document.querySelectorAll('#figure-small svg').length") == 1
+        assert page.value("document.querySelectorAll('td[data-row]').length") == len(cells)
+        root = "document.querySelector('.mdkf-playback').shadowRoot"
+        slider = f"{root}.querySelector('.slider')"
+        before = page.value(f"{root}.querySelector('.time').textContent")
+        page.value(f"{slider}.value = 3, {slider}.dispatchEvent(new Event('input'))")
+        assert page.value(f"{root}.querySelector('.time').textContent") != before
+        widest = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+        assert page.value(widest) <= 0
+        assert page.complaints == []
+        assert page.requests == [path.as_uri()]
