@@ -52,7 +52,8 @@ def paper(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Ask the paper's questions again, against exact truth."""
+    """Ask the paper's questions again, against exact truth: tables of the items that are named; of
+    the whole paper the verdicts on its claims; a page, figures and files in any case."""
     chosen = _chosen(names)
     if list_items:
         _list(chosen, as_json)
@@ -86,13 +87,13 @@ def paper(
         print(json.dumps(document, allow_nan=False))
         return
     shown = Console() if Console().is_terminal else Console(width=WIDTH)
-    for item in chosen:
+    for item in chosen if names else ():  # of the whole paper the page is the place to read
         shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
         for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
         shown.print(f"[dim]{escape(item.caption)}[/dim]\n", highlight=False)
-    if names is None or results.verdicts.filter(pl.col("reason").is_null()).height:
-        tested = results.verdicts.filter(pl.col("reason").is_null().any().over("id"))
+    tested = results.verdicts.filter(pl.col("reason").is_null().any().over("id"))
+    if not tested.is_empty():
         shown.print(scoreboard.table(tested), highlight=False)
     print(f"report: {page}")
 
