@@ -72,7 +72,7 @@ def bars(data: pl.DataFrame) -> Figure:
         if column == 0:
             axes.set_ylabel("mean squared error [m$^2$]")
     handles, names = panels[0, 0].get_legend_handles_labels()
-    whole.legend(handles, names, loc="outside upper center", ncols=5, frameon=False, fontsize=9)
+    whole.legend(handles, names, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return whole
 
 

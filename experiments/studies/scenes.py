@@ -37,8 +37,9 @@ STUDY = "scenes"
 DETECTOR = "pointrcnn"
 OCCLUSION = "natural"
 
-SUMO_SHARE = 5
-"""One in so many seeds of what SUMO simulates: a seed of it holds many cars, and costs as much."""
+FIRST_LOOK, SUMO_SHARE = 100, 4
+"""Below so many seeds, one in so many of what SUMO simulates: a seed of it holds many cars, and
+costs as much."""
 
 KEPT = ("md-keep", "md3-keep")
 """MD whose window outlives a gap."""
@@ -105,8 +106,8 @@ class Scene:
 
 
 def jobs(scale: Scale, names: Sequence[str]) -> list[Scene]:
-    """Seeds of some scenarios: of each in closed form the scale's, of the others a share."""
-    few = ceil(scale.scenes / SUMO_SHARE)
+    """Seeds of some scenarios: the scale's, for a first look a share of them with SUMO."""
+    few = scale.scenes if scale.scenes >= FIRST_LOOK else ceil(scale.scenes / SUMO_SHARE)
     counts = {
         name: scale.scenes if scenarios.load(name).source == "closed-form" else few
         for name in names
