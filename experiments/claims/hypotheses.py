@@ -165,7 +165,7 @@ def asked(claim: Hypothesis) -> Iterator[Hypothesis]:
         yield claim.model_copy(update=own)
 
 
-def parts(claim: Hypothesis, source: Source) -> list[Part]:
+def parts_of(claim: Hypothesis, source: Source) -> list[Part]:
     """All that must hold for the claim to hold; nothing where it cannot be tested."""
     rows: Rows = getattr(claim, source)
     if rows.untestable is not None:

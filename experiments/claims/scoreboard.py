@@ -21,9 +21,8 @@ from rich.markup import escape
 from rich.table import Table
 from scipy import stats
 
-from experiments.claims import hypotheses as claims
 from experiments.claims.evidence import RESAMPLES, Evidence, evidence, evidence_of_recordings
-from experiments.claims.hypotheses import SOURCES, Hypothesis, Part, Source
+from experiments.claims.hypotheses import SOURCES, Hypothesis, Part, Source, load, parts_of
 from experiments.estimates import RECORDED, Where, by_scenario, chosen, paired
 from experiments.statistics import CONFIDENCE, mean_interval
 
@@ -137,7 +136,7 @@ def judge(
 
     rows: with the columns `experiments.jobs.ROWS`.
     """
-    known = claims.load() if hypotheses is None else hypotheses
+    known = load() if hypotheses is None else hypotheses
     by_source = [[trial(rows, claim, source, resamples) for claim in known] for source in SOURCES]
     lines = [
         _line(one, corrected)
@@ -152,7 +151,7 @@ def trial(
     rows: pl.DataFrame, claim: Hypothesis, source: Source, resamples: int = RESAMPLES
 ) -> Trial:
     """Test a hypothesis on the rows of a source, or tell why it cannot be."""
-    asked = claims.parts(claim, source)
+    asked = parts_of(claim, source)
     if not asked:
         return Trial(claim, source, reason=getattr(claim, source).untestable)
     study = asked[0].where["study"]

@@ -23,8 +23,8 @@ def test_the_papers_claims_name_only_what_there_is() -> None:
     levels = [f"{name}, {level}" for name, *_ in bins.RANGES for level in ("LEVEL_1", "LEVEL_2")]
     regimes = [f"regime {name.replace('_', ' ')}" for name in mdkf.tables.REGIMES]
     known = {"all", *levels, *(name for name, *_ in bins.RANGES), *regimes}
-    asked = [part for one in PAPER for part in claims.parts(one, "synthetic")]
-    asked += [part for one in PAPER for part in claims.parts(one, "recorded")]
+    asked = [part for one in PAPER for part in claims.parts_of(one, "synthetic")]
+    asked += [part for one in PAPER for part in claims.parts_of(one, "recorded")]
     scored = [part for part in asked if part.where["study"] in (worlds.STUDY, RECORDED)]
     own = [part for part in scored if part.where["metric"] not in ("mse", "spread")]
     sides = [side for part in own for side in astuple(part) if side is not None]

@@ -68,9 +68,9 @@ def test_the_baseline_alone_is_asked_again_against_imm() -> None:
     contrasts = [{"filter": "md", "against": ["ca"], "also": ["imm", "imm-zero"]}]
     own, twin = claims.asked(claim(contrasts=contrasts, paper=0.3))
     assert (own.id, twin.id) == ("a", "a-imm")
-    assert [part.against for part in claims.parts(own, "synthetic")] == [{"filter": "ca"}]
+    assert [part.against for part in claims.parts_of(own, "synthetic")] == [{"filter": "ca"}]
     opponents = [{"filter": "imm"}, {"filter": "imm-zero"}]
-    assert [part.against for part in claims.parts(twin, "synthetic")] == opponents
+    assert [part.against for part in claims.parts_of(twin, "synthetic")] == opponents
     assert (own.paper, twin.paper) == (0.3, None)
 
 
