@@ -127,7 +127,7 @@ def test_the_page_loads_nothing(page: Page, text: str) -> None:
 def test_every_gap_plays_in_a_browser_that_is_asked_for_nothing_else(
     page: Page, text: str, tmp_path: Path
 ) -> None:
-    """As many playbacks as gaps from above; each steps on by a key, and nothing is complained of."""
+    """As many playbacks as gaps from above; each steps by a key, and nothing is complained of."""
     path = tmp_path / "report.html"
     path.write_text(text, encoding="utf-8")
     with Browser(tmp_path) as browser:
