@@ -13,7 +13,7 @@ import polars as pl
 
 from experiments.bins import EVERYTHING, Bin, bins, everything
 from experiments.matched import Matched, sequence_of
-from experiments.metrics import hota
+from experiments.metrics import HotaScores, combine_hota, hota
 from experiments.metrics.matching import ratio
 from experiments.pairing import UNASSIGNED
 from experiments.states import Value
@@ -40,10 +40,10 @@ def breakdown(whole: Matched, groups: Sequence[str]) -> pl.DataFrame:
     too; a group that is named again is there once.
 
     groups: of phase, regime, range and level, or products of them, as range,level. Scores: hota,
-    mota, miss_rate [%], idsw, and those of `GospaScores.values` and `StateErrors.values`. By phase
-    and regime there is no hota, mota or gospa_false, as a track on nothing has no phase, and gospa
-    is that of objects alone; in natural occlusions, where no track is asked for, there are state
-    errors only.
+    assa, mota, miss_rate [%], idsw, and those of `GospaScores.values` and `StateErrors.values`. By
+    phase and regime there is no hota, assa, mota or gospa_false, as a track on nothing has no
+    phase, and gospa is that of objects alone; in natural occlusions, where no track is asked for,
+    there are state errors only.
 
     Raises `ValueError` for an unknown group, and for a product that names one twice.
     """
@@ -90,20 +90,24 @@ def _scores(whole: Matched, one: Bin, false: BoolArray) -> Mapping[str, Value]:
         del gospa["gospa_false"]
         return {**by_object, **gospa, **states}
     wrong = missed + switched + int((false & one.false).sum())
+    overall = _hota(whole, counted, one.false)
     followed = {
-        "hota": Value(_hota(whole, counted, one.false), n),
+        "hota": Value(100 * overall.hota_mean, n),
+        "assa": Value(100 * overall.assa_mean, n),
         "mota": Value(100 * (1 - ratio(wrong, n)), n),
     }
     gospa = whole.gospa.of(own, one.false[kept.tracks]).values()
     return {**followed, **by_object, **gospa, **states}
 
 
-def _hota(whole: Matched, counted: BoolArray, false: BoolArray) -> float:
-    """HOTA [%] of the counted truth, the tracks on it, and, of those on nothing, some."""
+def _hota(whole: Matched, counted: BoolArray, false: BoolArray) -> HotaScores:
+    """HOTA of the counted truth, the tracks on it, and, of those on nothing, some; no values
+    without such truth."""
     kept = whole.kept
     if not counted.any():
-        return float("nan")
+        return combine_hota([])
     on_nothing = kept.object_row == UNASSIGNED
     own = kept.tracks & np.where(on_nothing, false, counted[kept.object_row])
-    sequence = sequence_of(whole.trace, whole.tracks, counted, own, whole.similarity)
-    return 100 * hota(sequence).hota_mean
+    if np.array_equal(counted, kept.truth) and np.array_equal(own, kept.tracks):
+        return hota(whole.sequence)
+    return hota(sequence_of(whole.trace, whole.tracks, counted, own, whole.similarity))

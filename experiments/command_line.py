@@ -274,7 +274,7 @@ app.command(
 )(check_detector)
 app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
 app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
-app.command(epilog="Example: mdkf paper regimes --noise 0.1 --filters ca,imm,md --out out")(paper)
+app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 

@@ -1,20 +1,20 @@
 """How far a filter itself drifts in each gap, with nothing else in play.
 
-Each object's own detections go into the estimator, frame by frame, and none in the gap: perfect
-association, no clutter, no deletion in the gap (before it, a track lost from sight for too long
-starts anew, as in the tracker). Every gap counts for every filter, so that the comparison does not
-depend on which tracks were captured or deleted, nor on which filters were run.
+Each object's own detections go into the estimator (`experiments.alone`), and none in the gap, where
+nothing is deleted. Every gap counts for every filter, so that the comparison does not depend on
+which tracks were captured or deleted, nor on which filters were run.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import polars as pl
 
+from experiments.alone import by_object, distance, steps
 from experiments.occlusion import Gaps
-from mdkf import Detections, Estimator, Trace, TrackerSettings
-from mdkf.estimator import join, take
-from mdkf.tables import FloatArray, IntArray
+from mdkf import Detections, Estimator, Trace, TrackerSettings, filter_sequence
+from mdkf.tables import BoolArray, FloatArray, IntArray
 
 
 def drift(
@@ -23,39 +23,52 @@ def drift(
     """Distance of the estimated from the true position [m] of the objects with gaps.
 
     One row for each object and frame in which it is followed: object_id, frame, drift.
-    occluded: the detections without those in the gaps.
+    occluded: the detections without those in the gaps. The numbers are those of `followed`, to the
+    bit, in compiled passes over all objects at once.
     """
     ids = np.unique(gaps.object_id)
-    measured = _positions(occluded, ids, occluded.source)
-    true = _positions(trace, ids, trace.object_id)
-    hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
-    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
-        hidden[start:stop, np.searchsorted(ids, identifier)] = True
+    measured, hidden = _seen_and_hidden(occluded, gaps, ids)
     noise = np.diag([settings.x_var, settings.y_var])
-    estimated = np.full(true.shape, np.nan)
-    state: Any = None
-    alive = np.empty(0, dtype=np.int64)  # the object of each row of the state
-    for k in range(trace.n_frames):
-        if len(alive):
-            state = estimator.predict(state, trace.dt)
-            variance = estimator.covariance(state).diagonal(axis1=1, axis2=2).max(axis=1)
-            kept = np.flatnonzero((variance <= settings.max_variance) | hidden[k, alive])
-            state, alive = take(state, kept), alive[kept]
-        if len(alive):
-            z = np.ascontiguousarray(measured[k, alive])
-            state = estimator.update(state, z, np.broadcast_to(noise, (len(z), 2, 2)))
-        born = np.setdiff1d(np.flatnonzero(np.isfinite(measured[k, :, 0])), alive)
-        if len(born):
-            z = np.ascontiguousarray(measured[k, born])
-            new = estimator.start(z, np.broadcast_to(noise, (len(z), 2, 2)))
-            state = join(state, new) if len(alive) else new
-            alive = np.concatenate([alive, born])
-        if len(alive):
-            estimated[k, alive] = estimator.position(state)
-    error = np.hypot(*(estimated - true).transpose(2, 0, 1))
+    estimated = np.full(measured.shape, np.nan)
+    born = _first_measured(measured, np.zeros(len(ids), dtype=np.int64))
+    alive = np.flatnonzero(born < len(measured))
+    while len(alive):
+        # All lives begin in the first frame of a sequence of their own, as far as the scene goes.
+        frame = np.arange(len(measured) - born[alive].min())[:, None] + born[alive]
+        there = frame < len(measured)
+        frame[~there] = 0
+        own = np.where(there[..., None], measured[frame, alive], np.nan)
+        found = filter_sequence(estimator, own, noise, trace.dt, predicted=True)
+        variance = found.predicted.diagonal(axis1=2, axis2=3).max(axis=2)
+        ended = (variance > settings.max_variance) & ~hidden[frame, alive]
+        ended[0] = False
+        lived = there & ~np.logical_or.accumulate(ended)
+        at = frame[lived], np.broadcast_to(alive, lived.shape)[lived]
+        estimated[at] = found.position[lived]
+        # A life ends before the frame's measurement, which may be the next one's first.
+        born[alive] = _first_measured(measured[:, alive], born[alive] + lived.sum(axis=0))
+        alive = alive[born[alive] < len(measured)]
+    error = distance(estimated, by_object(trace, trace.object_id, ids, "x", "y"))
     frame, place = np.nonzero(np.isfinite(error))
     columns = {"object_id": ids[place], "frame": frame, "drift": error[frame, place]}
     return pl.DataFrame(columns)
+
+
+def followed(
+    occluded: Detections,
+    gaps: Gaps,
+    ids: IntArray,
+    estimator: Estimator,
+    settings: TrackerSettings,
+) -> Iterator[tuple[int, IntArray, Any]]:
+    """After each frame in which any of some objects is followed: its number, the objects that are
+    (places in the ascending `ids`), and the estimator's states of them.
+
+    occluded: the detections without those in the gaps.
+    """
+    measured, hidden = _seen_and_hidden(occluded, gaps, ids)
+    for step in steps(measured, occluded.dt, estimator, settings, hidden):
+        yield step.frame, step.objects, step.state
 
 
 def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.DataFrame:
@@ -67,10 +80,21 @@ def with_drift(errors: pl.DataFrame, drifts: pl.DataFrame, length: int) -> pl.Da
     return both.with_columns(drift=pl.when(~stretched).then("drift"))
 
 
-def _positions(table: Trace | Detections, ids: IntArray, owner: IntArray) -> FloatArray:
-    """Positions (n_frames, n_objects, 2) [m] of some objects, NaN where they have no row."""
-    positions = np.full((table.n_frames, len(ids), 2), np.nan)
-    rows = np.flatnonzero(np.isin(owner, ids))
-    place = np.searchsorted(ids, owner[rows])
-    positions[table.frame[rows], place] = np.column_stack([table.x[rows], table.y[rows]])
-    return positions
+def _seen_and_hidden(
+    occluded: Detections, gaps: Gaps, ids: IntArray
+) -> tuple[FloatArray, BoolArray]:
+    """Measured positions (n_frames, n_objects, 2) [m], and where the objects are in a gap."""
+    measured = by_object(occluded, occluded.source, ids, "x", "y")
+    hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
+    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
+        hidden[start:stop, np.flatnonzero(ids == identifier)] = True
+    return measured, hidden
+
+
+def _first_measured(measured: FloatArray, first: IntArray) -> IntArray:
+    """The first frame from `first` on (n,) in which each object was measured (n_frames, n, 2); the
+    number of frames where there is none."""
+    frame = np.arange(len(measured))[:, None]
+    there = np.isfinite(measured[..., 0]) & (frame >= first)
+    found: IntArray = np.where(there, frame, len(measured)).min(axis=0, initial=len(measured))
+    return found

@@ -19,6 +19,9 @@ from mdkf.tables import KINDS, Detections, FloatArray, Trace, Tracks
 
 _COLOURS = {"ca": "#e07b00", "imm": "#2a9d3a", "imm-zero": "#8fce5a", "md": "#1f5fd0"}
 _OTHERS = ("#7b3fb5", "#c2185b", "#00838f", "#6d4c41", "#546e7a")
+FOOTPRINT = ("x", "y", "yaw", "length", "width")
+"""What a box is from above."""
+
 _CONTEXT = 30
 """Frames before and after a gap that the picture shows."""
 
@@ -108,6 +111,14 @@ def mean_drift_figure(
     panels[0].set_ylabel("mean drift [m], band: 95 % over seeds")
     panels[0].legend(frameon=False, fontsize=9, loc="upper left")
     return figure
+
+
+def footprint(x: float, y: float, yaw: float, length: float, width: float) -> FloatArray:
+    """Corners (4, 2) of a box from above [m], from its middle [m], yaw [rad] and size [m]."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
+    corners: FloatArray = half * (length, width) @ np.array([[c, s], [-s, c]]) + (x, y)
+    return corners
 
 
 def _finish_time_axis(axes: Axes, gap_seconds: float) -> None:
@@ -214,8 +225,4 @@ def _frame_view(axes: Axes, points: FloatArray) -> None:
 
 def _corners(table: Trace | Tracks, row: int) -> FloatArray:
     """Corners (4, 2) of a row's box [m]."""
-    c, s = np.cos(table.yaw[row]), np.sin(table.yaw[row])
-    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
-    local = half * (table.length[row], table.width[row])
-    corners: FloatArray = local @ np.array([[c, s], [-s, c]]) + (table.x[row], table.y[row])
-    return corners
+    return footprint(*(getattr(table, name)[row] for name in FOOTPRINT))

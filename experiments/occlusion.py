@@ -39,9 +39,10 @@ class Gaps:
     def covers(self, object_id: IntArray, frame: IntArray) -> BoolArray:
         """Whether each (object, frame) lies in a gap."""
         inside = np.zeros(len(frame), dtype=np.bool_)
+        rows = np.flatnonzero(np.isin(object_id, self.object_id))
+        owner, when = object_id[rows], frame[rows]
         for identifier, start, stop in zip(self.object_id, self.start, self.stop, strict=True):
-            own = np.flatnonzero(object_id == identifier)
-            inside[own[(frame[own] >= start) & (frame[own] < stop)]] = True
+            inside[rows[(owner == identifier) & (when >= start) & (when < stop)]] = True
         return inside
 
 

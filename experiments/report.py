@@ -5,17 +5,17 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
 from experiments import figures
+from experiments.page import svg, write_page
+from experiments.playback import playback
 from experiments.run import SUBJECT, Plan, Results, kept_folder
 from experiments.statistics import Interval, mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
 from mdkf import DETECTORS, ESTIMATORS
 from mdkf.tables import REGIMES, Detections, Trace, Tracks
 from sim_bridge import read_table
-from sim_bridge.parquet import replacing
 
 NAME = "report.html"
 STATES = (
@@ -48,16 +48,12 @@ DT = 0.1
 
 def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
     """Write `report.html` into `out` and return its path; needs no network to be read."""
-    environment = Environment(
-        loader=PackageLoader("experiments", "."),
-        autoescape=select_autoescape(default=True, default_for_string=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     drawn = drawn_filters(plan.filters)
     mean_figure = figures.mean_drift_figure(results.errors, drawn, plan.occlusion.length, DT)
-    page = environment.get_template("report.html.j2").render(
+    path = out / NAME
+    write_page(
+        "report.html.j2",
+        path,
         plan=plan,
         command=command,
         seeds=", ".join(
@@ -80,22 +76,15 @@ def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
         subject=SUBJECT,
         opponents=[name for name in drawn if name != SUBJECT] if SUBJECT in drawn else [],
         drawn=drawn,
-        mean_figure=_svg(mean_figure) if mean_figure else None,
+        mean_figure=svg(mean_figure) if mean_figure else None,
         gaps=_gap_pictures(plan, results, out, drawn),
     )
-    path = out / NAME
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
     return path
 
 
 def drawn_filters(filters: tuple[str, ...]) -> list[str]:
     """The filters in the pictures: those with RobMOT's start, or all if there are none."""
     return [name for name in filters if not name.endswith("-retuned")] or list(filters)
-
-
-def _svg(figure: Any) -> Markup:
-    return Markup(figures.as_svg(figure))
 
 
 def _result_groups(
@@ -223,13 +212,17 @@ def _gap_pictures(
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
             figure = figures.gap_figure(trace, detections, tracks, errors, gap)
+            title = f"{scenario.name}, seed {seed}: a {label} object in its gap"
+            seen = plan.occlusion.apply(detections)
+            player = playback(trace, seen, tracks, focus=gap[0], gap=gap[1:], title=title)
             pictures.append(
                 {
                     "scenario": scenario.name,
                     "label": label,
                     "object_id": gap[0],
                     "seed": seed,
-                    "svg": _svg(figure),
+                    "svg": svg(figure),
+                    "playback": Markup(player),
                 }
             )
     return pictures

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.metrics import clear, hota, identity, sequence_from_rows
 from experiments.states import gospa
-from mdkf import Detections, Tracker, estimator
+from mdkf import Detections, Tracker, estimator, filter_sequence
 from mdkf.tables import FloatArray, IntArray
 from sim_bridge.kinematics import smooth_motion
 from sim_bridge.line_of_sight import visible_fractions
@@ -31,6 +31,7 @@ def compile_tracking(filters: Sequence[str]) -> None:
     seen = Detections.from_columns(columns, n_frames=3, dt=0.1)
     for name in filters:
         Tracker(estimator(name)).run(seen)
+        filter_sequence(estimator(name), np.ones((1, 1, 2)), np.eye(2), 0.1)
     rows = (frames, seen.source, np.column_stack([seen.x, seen.y]))
     sequence = sequence_from_rows(*rows, *rows, n_frames=3)
     for metric in (hota, clear, identity):

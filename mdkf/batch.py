@@ -99,11 +99,15 @@ def filter_all(
     position: FloatArray,
     velocity: FloatArray,
     covariance: FloatArray,
+    predicted: FloatArray,
 ) -> None:
-    """All frames of z (T, n, 2), R (T or 1, n, 2, 2), of tracks that started in the first."""
+    """All frames of z (T, n, 2), R (T or 1, n, 2, 2), of tracks that started in the first;
+    predicted (T, n, 2, 2): the covariances before the update, or (0, n, 2, 2) for none."""
     for t in range(z.shape[0]):
         if t > 0:
             predict_all(batch, z.shape[1])
+            if t < predicted.shape[0]:
+                moments_of_all(batch, position[t], velocity[t], predicted[t])
             update_all(batch, z[t], R[t % R.shape[0]])
         moments_of_all(batch, position[t], velocity[t], covariance[t])
 

@@ -165,6 +165,10 @@ class MotionDynamics(OneChain):
             work=np.empty((state.mean.shape[1], 2)),
         )
 
+    def denoised(self, state: MotionDynamicsState) -> FloatArray:
+        """What stands for each track's last measured position in the window (n, 2) [m]."""
+        return state.window[:, -1]
+
     def diagnostics(self, state: MotionDynamicsState) -> Mapping[str, FloatArray]:
         """weight_vx, weight_vy, weight_ax, .. (weight_jy); innovation_x, innovation_y [m], nis."""
         weights = {

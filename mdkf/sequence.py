@@ -19,22 +19,31 @@ class Estimates:
     """Estimates of n tracks over T frames.
 
     position (T, n, 2) [m], velocity (T, n, 2) [m/s], covariance of the position (T, n, 2, 2) [m2].
+    predicted (T, n, 2, 2): that covariance before each frame's measurement, in the first frame that
+    of the start; (0, n, 2, 2) unless asked for.
     """
 
     position: FloatArray
     velocity: FloatArray
     covariance: FloatArray
+    predicted: FloatArray
 
 
 def filter_sequence(
-    estimator: Estimator, positions: ArrayLike, noise: ArrayLike, dt: float | ArrayLike
+    estimator: Estimator,
+    positions: ArrayLike,
+    noise: ArrayLike,
+    dt: float | ArrayLike,
+    *,
+    predicted: bool = False,
 ) -> Estimates:
     """Estimates of n tracks from all their measurements, association given.
 
     positions (T, n, 2) [m], a row of NaN where a track was not measured, except in the first
     frame, where every track starts; noise (2, 2), (n, 2, 2) or (T, n, 2, 2) [m2]; dt, the time
-    between frames [s], or (T - 1,) times. The built-in estimators run it as one compiled pass
-    when dt is one number; the numbers are the same to the bit.
+    between frames [s], or (T - 1,) times. predicted: whether `Estimates.predicted` is asked for.
+    The built-in estimators run it as one compiled pass when dt is one number; the numbers are the
+    same to the bit.
     """
     z = np.ascontiguousarray(positions, dtype=np.float64)
     if z.ndim != 3 or z.shape[2] != 2 or len(z) == 0:
@@ -48,14 +57,20 @@ def filter_sequence(
         raise ValueError(refusal(z[frame, track], R[frame % len(R), track], where))
     state = estimator.start(z[0], R[0])
     T, n, _ = z.shape
-    out = Estimates(np.empty((T, n, 2)), np.empty((T, n, 2)), np.empty((T, n, 2, 2)))
+    before = np.empty((T if predicted else 0, n, 2, 2))
+    if predicted:
+        before[0] = estimator.covariance(state)
+    out = Estimates(np.empty((T, n, 2)), np.empty((T, n, 2)), np.empty((T, n, 2, 2)), before)
     if is_batched(estimator) and np.ndim(dt) == 0:
         built_in: Any = estimator
         filter_all(built_in.batch(state, float(np.asarray(dt))), z, R, *arrays(out))
         return out
     for t in range(T):
         if t > 0:
-            state = estimator.update(estimator.predict(state, steps[t - 1]), z[t], R[t % len(R)])
+            state = estimator.predict(state, steps[t - 1])
+            if predicted:
+                before[t] = estimator.covariance(state)
+            state = estimator.update(state, z[t], R[t % len(R)])
         out.position[t] = estimator.position(state)
         out.velocity[t] = estimator.velocity(state)
         out.covariance[t] = estimator.covariance(state)

@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -152,6 +153,13 @@ class Table:
 
     def content_hash(self) -> str:
         """SHA-256 of all values (not of the provenance), the same on every machine."""
+        return self._content_hash
+
+    @cached_property
+    def _content_hash(self) -> str:
+        return self._digest()
+
+    def _digest(self) -> str:
         digest = hashlib.sha256()
         digest.update(json.dumps([type(self).__name__, self.n_frames, self.dt]).encode())
         for column, array in self.columns().items():
@@ -169,7 +177,16 @@ class Table:
         """The row numbers of one object (or track, or source), in order of frames."""
         if self.ID is None:
             raise TypeError(f"{type(self).__name__} has no objects")
-        return np.flatnonzero(getattr(self, self.ID) == identifier)
+        order, own = self._by_id
+        first, last = np.searchsorted(own, [identifier, identifier + 1])
+        return order[first:last].copy()
+
+    @cached_property
+    def _by_id(self) -> tuple[IntArray, IntArray]:
+        """All row numbers by identifier, of each in order of frames, and their identifiers."""
+        own = getattr(self, str(self.ID))
+        order = np.argsort(own, kind="stable")
+        return order, own[order]
 
     def ids(self) -> IntArray:
         """The identifiers that occur, ascending."""
@@ -275,8 +292,8 @@ class Trace(Table):
     visible: FloatArray
     ego: EgoPath
 
-    def content_hash(self) -> str:
-        both = super().content_hash() + self.ego.content_hash()
+    def _digest(self) -> str:
+        both = super()._digest() + self.ego.content_hash()
         return hashlib.sha256(both.encode()).hexdigest()
 
     def sensor_distance(self) -> FloatArray:

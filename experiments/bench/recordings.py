@@ -17,18 +17,28 @@ SPLIT = "val"
 
 def blocks(plan: Plan) -> list[Block]:
     """One block for each detector whose detections are there and whose settings are known."""
+    return [block(name, recorded(name)) for name in detectors()]
+
+
+def detectors() -> list[str]:
+    """Those detectors, as their folders are named; none without the data."""
     if not kitti_names():
         return []
     folders = sorted(path.name for path in (kitti_root() / "detections").glob("*/"))
-    return [_block(name) for name in folders if FOLDERS.get(name, name) in DETECTORS]
+    return [name for name in folders if FOLDERS.get(name, name) in DETECTORS]
 
 
-def _block(detector: str) -> Block:
+def recorded(detector: str) -> list[Detections]:
+    """A detector's detections in the split, a table for each sequence."""
     root = kitti_root()
-    seen = [
+    return [
         kitti_detections(root, detector, sequence, unlabelled=True)
         for sequence in read_sequences(root, SPLIT)
     ]
+
+
+def block(detector: str, seen: list[Detections]) -> Block:
+    """Every filter on all of a detector's tables."""
     cases = {name: _case(name, detector, seen) for name in NAMES}
     ratios = tuple((cases[first], cases[second]) for first, second in RATIOS)
     return Block(tuple(cases.values()), ratios=ratios)

@@ -64,7 +64,8 @@ _PROGRAMS = (
     _program(AB3DMOT, "pointrcnn", "", 74.97, 73.17, 77.11, 84.35, 86.40, 12, 458, 841, 88.27),
 )
 
-_MIXINGS = {"imm": ("imm", "imm-zero"), "imm3": ("imm3", "imm3-zero")}
+MIXINGS = {"imm": ("imm", "imm-zero"), "imm3": ("imm3", "imm3-zero")}
+"""Ours that the paper's IMM may be."""
 
 _TABLES: tuple[tuple[str, dict[str, dict[str, float]]], ...] = (
     # Table 1: evaluation on the validation split with VirConv.
@@ -117,7 +118,7 @@ def _paper() -> tuple[Published, ...]:
     joined: dict[tuple[str, str], dict[str, float]] = {}
     for detector, by_filter in _TABLES:
         for told, values in by_filter.items():
-            for name in _MIXINGS.get(told, (told,)):
+            for name in MIXINGS.get(told, (told,)):
                 joined.setdefault((detector, name), {}).update(values)
     return tuple(
         Published(PAPER, *key, "paper", values, _NOTES.get((PAPER, *key), ""))

@@ -164,10 +164,10 @@ def run(
 def scores(sequences: Sequence[SequenceScores]) -> Row:
     """Scores of all sequences together by name.
 
-    hota, deta, assa, mota, motp, idf1 in percent and idsw, fp, fn as KITTI has them, by overlap in
-    the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on the ground;
-    labelled_hota, labelled_mota, labelled_fp without the rows of labelled cars in frames in which
-    they have no label (`experiments.kitti.unlabelled`).
+    hota, deta, assa, assre, mota, motp, idf1 in percent and idsw, fp, fn as KITTI has them, by
+    overlap in the picture; ground_hota, ground_mota, ground_idsw of the same rows by distance on
+    the ground; labelled_hota, labelled_mota, labelled_fp without the rows of labelled cars in
+    frames in which they have no label (`experiments.kitti.unlabelled`).
     """
     official = _overall([each.image for each in sequences])
     on_ground = _overall([each.ground for each in sequences])
@@ -187,6 +187,7 @@ def _overall(parts: Sequence[_Part]) -> dict[str, float | None]:
         "hota": overall.hota_mean,
         "deta": overall.deta_mean,
         "assa": overall.assa_mean,
+        "assre": overall.assre_mean,
         "mota": counts.mota,
         "motp": counts.motp,
         "idf1": combine_identity([part.identity for part in parts]).idf1,

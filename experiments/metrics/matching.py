@@ -254,14 +254,16 @@ def _sorted_rows(
     if len(frames) and not (frames.min() >= 0 and frames.max() < n_frames):
         bad = frames[(frames < 0) | (frames >= n_frames)][0]
         raise ValueError(f"{name}: frame {bad} is outside 0..{n_frames - 1}")
-    order = np.lexsort((ids, frames))
-    frames, ids = frames[order], ids[order]
+    step = np.diff(frames)
+    if not ((step > 0) | ((step == 0) & (np.diff(ids) > 0))).all():
+        order = np.lexsort((ids, frames))
+        frames, ids, rows = frames[order], ids[order], rows[order]
     twice = np.flatnonzero((np.diff(frames) == 0) & (np.diff(ids) == 0))
     if len(twice):
         raise ValueError(f"{name}: id {ids[twice[0]]} occurs twice in frame {frames[twice[0]]}")
     known, index = np.unique(ids, return_inverse=True)
     start = np.searchsorted(frames, np.arange(n_frames + 1)).astype(np.int64)
-    return start, index.astype(np.int64), rows[order], len(known)
+    return start, index.astype(np.int64), rows, len(known)
 
 
 def _as_int64(name: str, values: ArrayLike) -> Ints:

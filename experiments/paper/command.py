@@ -1,27 +1,33 @@
-"""The command `mdkf paper`: items of the paper by name, answered on the terminal and in files."""
+"""The command `mdkf paper`: the paper's tables, figures and claims, asked again."""
 
 import difflib
 import json
-from collections.abc import Callable
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
+import polars as pl
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments.claims import scoreboard
+from experiments.engine import RunFailed
 from experiments.options import Json
-from experiments.paper.item import Answer, Item, Options
+from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
-from experiments.paper.regimes import FILTERS, NOISES, SEEDS
-from sim_bridge.parquet import replacing, write_frame
+from experiments.paper.report import write_report
+from experiments.paper.run import run
+from experiments.paper.tables import tables
+from experiments.studies.scale import QUICK, SCALES, Scale
 
 WIDTH = 120
 """Characters that the tables need: they get them where there is no terminal."""
-DOTS_PER_INCH = 150
+OUT = Path("mdkf-paper")
 
 
 def paper(
@@ -32,51 +38,64 @@ def paper(
     list_items: Annotated[
         bool, typer.Option("--list", help="List the items and do nothing else.")
     ] = False,
+    scale: Annotated[
+        str, typer.Option(metavar="|".join(SCALES), help="How much is run.")
+    ] = QUICK.name,
     seeds: Annotated[
-        int | None, typer.Option(help=f"How many seeds, from 0; {SEEDS} if not given.", min=1)
-    ] = None,
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME|SIGMA",
-            help="Measurement noise, known to the filters: a detector's, or a standard deviation"
-            f" in metres; repeatable or comma-separated. {','.join(NOISES)} if not given.",
-        ),
-    ] = None,
-    filters: Annotated[
-        str | None,
-        typer.Option(help=f"Comma-separated; if not given: {','.join(FILTERS)}."),
+        int | None, typer.Option(help="Seeds of every scenario, in place of the scale's.", min=1)
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for ITEM.parquet, ITEM-differences.parquet, ITEM.png."),
+        Path, typer.Option(help="Folder for results and report; a second run goes on in it.")
+    ] = OUT,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; all cores if not given.", min=1)
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Answer questions of the paper: tables, and with --out also files and pictures."""
+    """Ask the paper's questions again, against exact truth: tables of the items that are named; of
+    the whole paper the verdicts on its claims; a page, figures and files in any case."""
     chosen = _chosen(names)
     if list_items:
         _list(chosen, as_json)
         return
-    options = Options(seeds, _split(noise), _split(None if filters is None else [filters]))
-    try:
-        prepared = [(item, item.prepare(options)) for item in chosen]
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    answered = [(item, _answer(item, work)) for item, work in prepared]
-    written = [path for item, answer in answered for path in _write(item, answer, out)]
+    size = _scale(scale, seeds)
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("jobs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("jobs", total=None)
+        try:
+            results = run(
+                chosen,
+                size,
+                out,
+                workers,
+                lambda done, of: bar.update(task, completed=done, total=of),
+            )
+        except (KeyboardInterrupt, RunFailed):
+            told = f"what was done is kept in {out}: the same command goes on from there"
+            console.print(told, highlight=False, markup=False)
+            raise
+    line = shlex.join(["mdkf", *sys.argv[1:]])
+    page = write_report(chosen, results.answers, results.cells, results.verdicts, size, out, line)
     if as_json:
-        print(json.dumps({"items": [_document(*pair) for pair in answered]}, allow_nan=False))
+        document = {
+            "rows": results.cells.to_dicts(),
+            "claims": results.verdicts.to_dicts(),
+            "report": str(page),
+        }
+        print(json.dumps(document, allow_nan=False))
         return
     shown = Console() if Console().is_terminal else Console(width=WIDTH)
-    for item, answer in answered:
-        shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.where)})")
-        for table in answer.tables():
+    for item in chosen if names else ():  # of the whole paper the page is the place to read
+        shown.print(f"[bold]{item.id}[/bold]: {escape(item.question)} ({escape(item.place)})")
+        for table in tables(item, results.answers[item.id]):
             shown.print(table, highlight=False)
-    for path in written:
-        print(path)
+        shown.print(f"[dim]{escape(item.caption)}[/dim]\n", highlight=False)
+    tested = results.verdicts.filter(pl.col("reason").is_null().any().over("id"))
+    if not tested.is_empty():
+        shown.print(scoreboard.table(tested), highlight=False)
+    print(f"report: {page}")
 
 
 def _chosen(names: list[str] | None) -> list[Item]:
@@ -91,53 +110,22 @@ def _chosen(names: list[str] | None) -> list[Item]:
     return [ITEMS[name] for name in dict.fromkeys(names or ITEMS)]
 
 
-def _split(texts: list[str] | None) -> tuple[str, ...] | None:
-    """The parts of comma-separated texts, each once; None if there are no texts."""
-    if not texts:
-        return None
-    return tuple(dict.fromkeys(part.strip() for text in texts for part in text.split(",")))
+def _scale(name: str, seeds: int | None) -> Scale:
+    if name not in SCALES:
+        raise typer.BadParameter(f"scale {name!r}, expected one of: {', '.join(SCALES)}")
+    return SCALES[name] if seeds is None else SCALES[name].with_seeds(seeds)
 
 
 def _list(items: list[Item], as_json: bool) -> None:
     if as_json:
-        rows = [{"id": item.id, "question": item.question, "where": item.where} for item in items]
+        rows: list[dict[str, Any]] = [
+            {"id": item.id, "question": item.question, "place": item.place} for item in items
+        ]
         print(json.dumps({"rows": rows}))
         return
     table = Table(box=SIMPLE_HEAD)
-    for heading in ("item", "question", "where"):
+    for heading in ("item", "question", "place in the paper"):
         table.add_column(heading)
     for item in items:
-        table.add_row(*map(escape, (item.id, item.question, item.where)))
+        table.add_row(*map(escape, (item.id, item.question, item.place)))
     Console().print(table)
-
-
-def _answer(item: Item, work: Callable[[Callable[[float], None]], Answer]) -> Answer:
-    """The work's answer, with a bar on a terminal while it lasts."""
-    console = Console(stderr=True)
-    columns = (TextColumn(item.id), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task(item.id, total=1.0)
-        return work(lambda done: bar.update(task, completed=done))
-
-
-def _write(item: Item, answer: Answer, out: Path | None) -> list[Path]:
-    """The files of an answer, each whole or not there; none without a folder."""
-    if out is None:
-        return []
-    rows, differences = out / f"{item.id}.parquet", out / f"{item.id}-differences.parquet"
-    picture = out / f"{item.id}.png"
-    write_frame(answer.rows, rows)
-    write_frame(answer.differences, differences)
-    with replacing(picture) as temporary:
-        answer.figure().savefig(temporary, format="png", dpi=DOTS_PER_INCH)
-    return [rows, differences, picture]
-
-
-def _document(item: Item, answer: Answer) -> dict[str, Any]:
-    return {
-        "id": item.id,
-        "question": item.question,
-        "where": item.where,
-        "rows": answer.rows.to_dicts(),
-        "differences": answer.differences.to_dicts(),
-    }

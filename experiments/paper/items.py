@@ -1,41 +1,47 @@
 """The items of the paper by name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 
-from experiments.paper import regime_figure, regime_tables, regimes
-from experiments.paper.item import Answer, Item, Options, Progress
+from experiments.paper import (
+    ablations,
+    denoise,
+    detector_tables,
+    dynamics,
+    occlusion_tables,
+    range_tables,
+    regime_tables,
+    scene_items,
+    showcase,
+    speed_tables,
+    switching,
+)
+from experiments.paper.item import Item
 
-
-def _regimes(options: Options) -> Callable[[Progress], Answer]:
-    plan = regimes.Plan(
-        seeds=options.seeds or regimes.SEEDS,
-        noises=tuple(map(regimes.Noise.parse, options.noises or regimes.NOISES)),
-        filters=options.filters or regimes.FILTERS,
-    )
-    for name in plan.filters:
-        regimes.named(name)
-
-    def work(progress: Progress) -> Answer:
-        results = regimes.run(plan, progress)
-        return Answer(
-            results.rows,
-            results.differences,
-            tables=lambda: regime_tables.tables(results),
-            figure=lambda: regime_figure.figure(results),
-        )
-
-    return work
-
-
-_ALL = (
-    Item(
-        "regimes",
-        "in which motion regimes does MD drift less in a gap than CA and IMM, with nothing else"
-        " in play?",
-        "the paper's claim that MD-KF consistently outperforms; its Occlusion Analysis",
-        _regimes,
-    ),
+_ROOMS = (
+    showcase,
+    speed_tables,
+    dynamics,
+    denoise,
+    detector_tables,
+    range_tables,
+    scene_items,
+    occlusion_tables,
+    regime_tables,
+    switching,
+    ablations,
 )
 
-ITEMS: Mapping[str, Item] = MappingProxyType({item.id: item for item in _ALL})
+_ORDER = (
+    *("playback", "fig-tradeoff", "fig-dynamics", "fig-denoise"),
+    *("table-models", "table-range", "table-derivative", "fig-stationary", "fig-occlusion"),
+    *("fig-objects", "table-baseline", "fig-detectors", "table-idsw", "table-waymo"),
+    *("fig-offscene", "fig-trajectory", "table-runtime", "table-occlusion"),
+    *("regimes", "switching-error", "switching-response", "switching-gap", "ablations"),
+)
+"""The paper's, then what it does not ask; first of all something to look at."""
+
+_BY_ID = {item.id: item for room in _ROOMS for item in room.ITEMS}
+
+ITEMS: Mapping[str, Item] = MappingProxyType({name: _BY_ID[name] for name in _ORDER})
+"""Items by name, in the order of the paper."""

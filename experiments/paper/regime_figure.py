@@ -1,53 +1,74 @@
-"""Errors over time in the gap, a panel for each motion regime and noise."""
+"""Errors over time in the gap, a panel for each motion regime."""
 
+import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.figures import colours, line_style
-from experiments.paper.motions import REGIMES, Regime
-from experiments.paper.regimes import DT, GAPS, HISTORIES, Results
+from experiments.statistics import mean_intervals
+from experiments.studies.motions import REGIMES, Regime
+from experiments.studies.regimes import DRAWN, DT, GAPS, HISTORIES, in_frame, occlusion
 
-DRAWN = ("ca", "imm", "imm-zero", "md")
 COLUMNS = 5
 """Panels in a row; the legend takes the place after the last."""
+BAND = ("error", "low", "high")
 
 
-def figure(results: Results) -> Figure:
-    """Mean errors of CA, both IMMs and MD (of what there is, if none of these) after the long
-    history, with 95 % bands over seeds; panels have scales of their own."""
-    errors = results.over_time.filter(history=max(HISTORIES))
-    there = errors["filter"].unique(maintain_order=True).to_list()
-    drawn = [name for name in DRAWN if name in there] or there
-    regimes = [regime for regime in REGIMES if regime.id in set(errors["regime"])]
-    noises = errors["noise"].unique(maintain_order=True).to_list()
-    rows = len(regimes) // COLUMNS + 1  # one place is the legend's
-    whole = Figure(figsize=(3.1 * COLUMNS, (2.55 * rows + 0.3) * len(noises)), layout="constrained")
-    parts = whole.subfigures(len(noises), 1, squeeze=False)[:, 0]
-    for part, noise in zip(parts, noises, strict=True):
-        measured = f"white noise of {noise} m" if noise[0].isdigit() else f"noise of {noise}"
-        part.suptitle(
-            f"{measured}, {max(HISTORIES)} frames of history, {results.rows['seeds'][0]} seeds;"
-            " bands: 95 % interval of the mean",
-            fontsize=11,
+def data(rows: pl.DataFrame, noise: str) -> pl.DataFrame:
+    """regime, filter, time since the gap began [s], seeds, and mean errors with their 95 %
+    interval over seeds (null with one) [m], in the longest history and gap."""
+    own = rows.filter(detector=noise, occlusion=occlusion(max(GAPS), max(HISTORIES)))
+    frames = [in_frame(k + 1) for k in range(max(GAPS))]
+    found = []
+    for (regime, name), part in own.filter(pl.col("bin").is_in(frames)).group_by(
+        "scenario", "filter", maintain_order=True
+    ):
+        by_seed = part.pivot("bin", index="seed", values="value").select(frames).to_numpy()
+        band = dict(zip(BAND, mean_intervals(by_seed), strict=True))
+        time = DT * np.arange(max(GAPS))
+        found.append(
+            pl.DataFrame({"time": time, **band}).select(
+                pl.lit(regime).alias("regime"),
+                pl.lit(name).alias("filter"),
+                "time",
+                pl.lit(len(by_seed)).alias("seeds"),
+                *(pl.col(column).fill_nan(None) for column in BAND),
+            )
         )
-        panels = part.subplots(rows, COLUMNS, squeeze=False).ravel()
-        for axes, regime in zip(panels, regimes, strict=False):
-            _draw(axes, regime, errors.filter(regime=regime.id, noise=noise), drawn)
-        for place in range(len(regimes)):
-            if place % COLUMNS == 0:
-                panels[place].set_ylabel("mean position error [m]")
-            if place + COLUMNS >= len(regimes):
-                panels[place].set_xlabel("time since the gap began [s]")
-        for axes in panels[len(regimes) :]:
-            axes.set_axis_off()
-        handles, labels = panels[0].get_legend_handles_labels()
-        panels[len(regimes)].legend(handles, labels, frameon=False, fontsize=11, loc="center")
+    return pl.concat(found)
+
+
+def figure(errors: pl.DataFrame) -> Figure:
+    """What `data` gives, with bands where there is an interval."""
+    regimes = [regime for regime in REGIMES if regime.id in set(errors["regime"])]
+    rows = len(regimes) // COLUMNS + 1  # one place is the legend's
+    whole = Figure(figsize=(3.1 * COLUMNS, 2.55 * rows + 0.3), layout="constrained")
+    panels = whole.subplots(rows, COLUMNS, squeeze=False).ravel()
+    for axes, regime in zip(panels, regimes, strict=False):
+        _draw(axes, regime, errors.filter(regime=regime.id))
+    for place in range(len(regimes)):
+        if place % COLUMNS == 0:
+            panels[place].set_ylabel("mean position error [m]")
+        if place + COLUMNS >= len(regimes):
+            panels[place].set_xlabel("time since the gap began [s]")
+    for axes in panels[len(regimes) :]:
+        axes.set_axis_off()
+    handles, labels = panels[0].get_legend_handles_labels()
+    seeds = errors["seeds"][0]
+    panels[len(regimes)].legend(
+        handles,
+        labels,
+        title=f"{seeds} seed{'s' * (seeds != 1)}",
+        frameon=False,
+        fontsize=11,
+        loc="center",
+    )
     return whole
 
 
-def _draw(axes: Axes, regime: Regime, errors: pl.DataFrame, drawn: list[str]) -> None:
-    for name, colour in colours(drawn).items():
+def _draw(axes: Axes, regime: Regime, errors: pl.DataFrame) -> None:
+    for name, colour in colours(DRAWN).items():
         own = errors.filter(filter=name).sort("time")
         time = own["time"].to_numpy()
         axes.plot(time, own["error"], line_style(name), color=colour, label=name, linewidth=1.8)

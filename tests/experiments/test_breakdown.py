@@ -26,7 +26,7 @@ PARTITIONS = {
     "range": ("0-30 m", "30-50 m", "50+ m"),
 }
 GAP_PARTS = ("gap 1-5", "gap 6-10", "gap 11-20", "gap 21-40", "gap 41+")
-PER_TRACK = ("hota", "mota", "gospa_false")
+PER_TRACK = ("hota", "assa", "mota", "gospa_false")
 """Scores that need to know where a track on nothing belongs."""
 
 
@@ -67,7 +67,7 @@ def test_everything_is_what_score_tells(
     table = breakdown(*real, "level", convention, similarity)
     summary = score(*real, gap_truth=convention, similarity=similarity).summary()
     found = {row["score"]: row["value"] for row in table.filter(bin="all").to_dicts()}
-    assert len(found) == 16
+    assert len(found) == 17
     assert found == pytest.approx({name: summary[name] for name in found}, rel=1e-12)
     assert table.schema == pl.Schema(SCHEMA)
     assert table["bin"][0] == "all"
@@ -108,7 +108,7 @@ def test_scores_that_need_a_place_for_false_tracks_have_one(real: tuple[Trace, T
     for group in ("range", "level"):
         rows = breakdown(*real, group).filter(pl.col("score").is_in(PER_TRACK))
         assert rows["value"].null_count() == 0
-        assert len(rows) == 3 * (4 if group == "range" else 3)
+        assert len(rows) == len(PER_TRACK) * (4 if group == "range" else 3)
     for group in ("phase", "regime"):
         rows = breakdown(*real, group).filter(pl.col("score").is_in(PER_TRACK))
         assert set(rows["bin"]) == {"all"}
@@ -273,7 +273,7 @@ def test_several_groups_give_their_products(real: tuple[Trace, Tracks]) -> None:
     )
 
 
-def test_hota_of_a_range_is_trackevals() -> None:
+def test_hota_and_assa_of_a_range_are_trackevals() -> None:
     """Cars from 10 to 55 m, whose tracks are up to 1.5 m off, missing now and then and swapped
     half-way through, and tracks on nothing 15 m beside: TrackEval is given one range's rows."""
     rng = np.random.default_rng(5)
@@ -291,9 +291,11 @@ def test_hota_of_a_range_is_trackevals() -> None:
     for name, near, far in (("0-30 m", 0, 30), ("30-50 m", 30, 50), ("50+ m", 50, 61)):
         own = trace.take((trace.x >= near) & (trace.x < far))
         data = as_trackeval(own, tracks.take((tracks.x >= near) & (tracks.x < far)))
-        expected = 100 * np.mean(HOTA().eval_sequence(data)["HOTA"])
-        assert value(table, name, "hota") == pytest.approx(expected, rel=1e-12)
-        assert 0 < expected < 100
+        whole = HOTA().eval_sequence(data)
+        for score_name, official in (("hota", "HOTA"), ("assa", "AssA")):
+            expected = 100 * np.mean(whole[official])
+            assert value(table, name, score_name) == pytest.approx(expected, rel=1e-12)
+            assert 0 < expected < 100
 
 
 def test_without_tracks_misses_have_a_value_and_errors_have_none(

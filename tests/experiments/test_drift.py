@@ -1,5 +1,7 @@
 """Claim: drift is the filter's own error in the gap, fed its object's detections alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,30 +34,67 @@ def scene(seed: int) -> tuple[list[tuple[int, int, float, float]], Detections]:
     return rows, Detections.from_columns(columns, n_frames=N, dt=0.1)
 
 
+def by_filterpy(
+    seen: Detections,
+    identifier: int,
+    truth: dict[int, tuple[float, float]],
+    hidden: range,
+    max_variance: float = SETTINGS.max_variance,
+) -> dict[int, float]:
+    """Errors by frame of one filterpy filter, deleted when its prediction is too uncertain outside
+    the gap, and started anew by the next detection."""
+    own = seen.rows_of(identifier)
+    measured = {int(seen.frame[k]): np.array([seen.x[k], seen.y[k]]) for k in own}
+    found, oracle = {}, None
+    for k in range(N):
+        if oracle is not None:
+            oracle.predict()
+            if k not in hidden and oracle.P[[0, 3], [0, 3]].max() > max_variance:
+                oracle = None
+            else:
+                z = measured.get(k)
+                oracle.update(z, R=np.diag([SETTINGS.x_var, SETTINGS.y_var]))
+        if oracle is None and k in measured:
+            oracle = filterpy_kalman(measured[k], 2, 0.1)
+        if oracle is not None:
+            found[k] = float(np.hypot(*(oracle.x[[0, 3]] - truth[k])))
+    return found
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_it_equals_filterpy_object_by_object(seed: int) -> None:
     """CA, one filterpy filter for each object; neither clutter nor other objects come near."""
     rows, seen = scene(seed)
     told = drift(trace_of(rows, N), seen, GAPS, estimator("ca"), SETTINGS)
     assert sorted(told["object_id"].unique()) == [1, 2]
-    for identifier in (1, 2):
-        own = seen.rows_of(identifier)
-        measured = dict(zip(seen.frame[own].tolist(), own, strict=True))
+    for identifier, hidden in ((1, range(30, 45)), (2, range(40, 55))):
         truth = {k: (x, y) for k, i, x, y in rows if i == identifier}
-        expected, oracle = {}, None
-        for k in range(min(measured), N):
-            z = None
-            if k in measured:
-                z = np.array([seen.x[measured[k]], seen.y[measured[k]]])
-            if oracle is None:
-                oracle = filterpy_kalman(z, 2, 0.1)
-            else:
-                oracle.predict()
-                oracle.update(z, R=np.diag([SETTINGS.x_var, SETTINGS.y_var]))
-            expected[k] = np.hypot(*(oracle.x[[0, 3]] - truth[k]))
+        expected = by_filterpy(seen, identifier, truth, hidden)
         got = told.filter(object_id=identifier).sort("frame")
         assert got["frame"].to_list() == list(expected)
         np.testing.assert_allclose(got["drift"], list(expected.values()), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("max_variance", "unseen", "again"), [(4.0, [18, 19, 20], 21), (3.0, [], 17)]
+)
+def test_a_track_lost_from_sight_starts_anew(
+    max_variance: float, unseen: list[int], again: int
+) -> None:
+    """Object 1 is away naturally for so long that its track is deleted, the second time only in the
+    frame in which it is seen again; in the protocol's own gap no track is deleted."""
+    rows, seen = scene(0)
+    seen = seen.take((seen.source != 1) | (seen.frame < 8) | (seen.frame >= again))
+    settings = replace(SETTINGS, max_variance=max_variance)
+    told = drift(trace_of(rows, N), seen, GAPS, estimator("ca"), settings).filter(object_id=1)
+    truth = {k: (x, y) for k, i, x, y in rows if i == 1}
+    expected = by_filterpy(seen, 1, truth, range(30, 45), max_variance)
+    assert [k for k in range(N) if k not in expected] == unseen
+    assert told["frame"].to_list() == list(expected)
+    np.testing.assert_allclose(told["drift"], list(expected.values()), rtol=1e-9, atol=1e-12)
+    # A start is where the detection is: the track did not live on.
+    row = seen.rows_of(1)[seen.frame[seen.rows_of(1)] == again]
+    assert expected[again] == np.hypot(seen.x[row] - truth[again][0], seen.y[row] - truth[again][1])
 
 
 def test_no_gaps_give_no_rows() -> None:

@@ -37,7 +37,8 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[st
 
 
 PRINTED = {
-    **{"hota": "HOTA", "deta": "DetA", "assa": "AssA", "mota": "MOTA", "motp": "MOTP"},
+    **{"hota": "HOTA", "deta": "DetA", "assa": "AssA", "assre": "AssRe"},
+    **{"mota": "MOTA", "motp": "MOTP"},
     **{"idf1": "IDF1", "idsw": "IDSW", "fp": "CLR_FP", "fn": "CLR_FN"},
 }
 """Our names and the official scorer's."""

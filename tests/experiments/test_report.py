@@ -16,6 +16,7 @@ from experiments import OcclusionProtocol
 from experiments.report import BINNED, STATES, write_report
 from experiments.run import Plan, Results, run
 from experiments.terminal import COLUMNS
+from tests.experiments.browser import Browser, needs_browser
 
 COMMAND = "mdkf run bus_stop stop_and_go --seeds 2"
 LOADING = {"src", "href", "xlink:href", "srcset", "data", "poster", "action", "background"}
@@ -33,6 +34,7 @@ class Page(HTMLParser):
         self.attributes: list[tuple[str, str, str]] = []
         self.texts: list[str] = []
         self.figures: list[list[str]] = []
+        self.drawings = 0  # SVGs in figures: the playbacks have some of their own
         self.tables: dict[str, list[list[str]]] = {}
         self._open: list[str] = []
         self._table: list[list[str]] = []
@@ -41,6 +43,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
+        self.drawings += tag == "svg" and "figure" in self._open
         self.attributes += [(tag, name, value or "") for name, value in attrs]
         if tag not in VOID:
             self._open.append(tag)
@@ -110,14 +113,36 @@ def page(text: str) -> Page:
 
 
 def test_the_page_loads_nothing(page: Page, text: str) -> None:
-    """No script, no style sheet, font or image from elsewhere: links lead into the page itself."""
-    assert not {"script", "link", "iframe", "img", "object", "embed", "base"} & set(page.tags)
+    """No script, style sheet, font or image from elsewhere: links lead into the page itself."""
+    assert not {"link", "iframe", "img", "object", "embed", "base"} & set(page.tags)
     links = [(tag, value) for tag, name, value in page.attributes if name in LOADING]
     assert links
     for tag, value in links:
         assert value.startswith("#"), (tag, value)
     assert all(target.startswith("#") for target in re.findall(r"url\(['\"]?([^)'\"]*)", text))
     assert "@import" not in text
+
+
+@needs_browser
+def test_every_gap_plays_in_a_browser_that_is_asked_for_nothing_else(
+    page: Page, text: str, tmp_path: Path
+) -> None:
+    """As many playbacks as gaps from above; each steps by a key, and nothing is complained of."""
+    path = tmp_path / "report.html"
+    path.write_text(text, encoding="utf-8")
+    with Browser(tmp_path) as browser:
+        shown = browser.open(path)
+        count = shown.value("document.querySelectorAll('.mdkf-playback').length")
+        assert count == len(page.figures) - 1
+        for number in range(count):
+            root = f"document.querySelectorAll('.mdkf-playback')[{number}].shadowRoot"
+            time = f"{root}.querySelector('.time').textContent"
+            before = shown.value(time)
+            shown.value(f"{root}.querySelector('.slider').focus()")
+            shown.press("ArrowLeft")
+            assert shown.value(time) != before
+        assert shown.complaints == []
+        assert shown.requests == [path.as_uri()]
 
 
 def test_every_scenario_and_filter_is_there(page: Page, plan: Plan) -> None:
@@ -224,7 +249,7 @@ def test_the_best_of_a_column_is_marked(text: str, results: Results) -> None:
 def test_errors_over_time_and_gaps_from_above_are_drawn(page: Page) -> None:
     """A figure is an SVG in the page: the mean error of each scenario, and at least one gap with
     truth, detections and every filter."""
-    assert page.tags.count("svg") == len(page.figures) >= 2
+    assert page.drawings == len(page.figures) >= 2
     over_time, *above = (" ".join(figure) for figure in page.figures)
     for word in ("bus_stop", "stop_and_go", "ca", "imm", "md", "time since the gap began [s]"):
         assert word in over_time

@@ -92,6 +92,23 @@ def test_the_compiled_pass_is_the_frame_by_frame_calls(name: str, kind: str) -> 
 
 
 @pytest.mark.parametrize("name", EVERY)
+def test_predicted_covariances_are_those_before_the_measurement(name: str) -> None:
+    """Compiled, looped and by hand, to the bit; unasked for there are none, and the estimates are
+    the same."""
+    estimator, z, R = EVERY[name], journey(3, FRAMES, TRACKS), noises("by detection")
+    by_hand = list(states(estimator, z, R, DT))
+    ahead = [by_hand[0], *(estimator.predict(state, DT) for state in by_hand[:-1])]
+    wanted = np.stack([estimator.covariance(state) for state in ahead])
+    plain = filter_sequence(estimator, z, R, DT)
+    assert len(plain.predicted) == 0
+    for dt in (DT, np.full(FRAMES - 1, DT)):
+        told = filter_sequence(estimator, z, R, dt, predicted=True)
+        assert told.predicted.tobytes() == wanted.tobytes()
+        for quantity in ("position", "velocity", "covariance"):
+            assert getattr(told, quantity).tobytes() == getattr(plain, quantity).tobytes()
+
+
+@pytest.mark.parametrize("name", EVERY)
 def test_a_batch_is_its_single_tracks(name: str) -> None:
     """Every array of the state, whatever the neighbours do: gaps, correlated noise."""
     estimator = EVERY[name]

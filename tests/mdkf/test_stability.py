@@ -157,7 +157,8 @@ def test_window_deviations_are_exact_after_a_million_steps(
     md = MotionDynamics(order, k, (factor,) * order, denoise="raw", after_gap=after_gap, axes=axes)
     z, R = wild(2, 1_000_000, 1)
     n = len(z) - last
-    out = Estimates(np.empty((n, 1, 2)), np.empty((n, 1, 2)), np.empty((n, 1, 2, 2)))
+    zero = np.empty((0, 1, 2, 2))
+    out = Estimates(np.empty((n, 1, 2)), np.empty((n, 1, 2)), np.empty((n, 1, 2, 2)), zero)
     late = md.start(z[0], R[0])
     filter_all(md.batch(late, DT), z[:n], R[:n], *arrays(out))
     # The history that the window holds at frame n: since the last gap, or all.

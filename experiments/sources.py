@@ -1,0 +1,75 @@
+"""A module into all that decides what it computes: the sources it imports, and their versions.
+
+Of this package those that are imported, directly or by way of others; of the filters, scenarios and
+simulators all, their data files among them.
+"""
+
+import ast
+import hashlib
+import json
+import platform
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import mdkf
+import scenarios
+import sim_bridge
+
+_PACKAGE = Path(__file__).parent
+_ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
+_KINDS = (".py", ".yaml")
+_VERSIONS = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
+
+
+@cache
+def deciding(module: Path) -> str:
+    """A text that is the same where the module computes the same: SHA-256 sums of sources by name,
+    versions of what they call, and the kind of machine."""
+    everything = (path for room in _ROOMS for path in room.rglob("*") if path.suffix in _KINDS)
+    sources = sorted({*_imported(module), *everything})
+    sums = {_name(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in sources}
+    versions = {package: version(package) for package in _VERSIONS}
+    machine = [platform.python_version(), platform.system(), platform.machine()]
+    return json.dumps([sums, versions, machine], sort_keys=True)
+
+
+def _imported(module: Path) -> set[Path]:
+    """The module, and what of this package it imports."""
+    found, waiting = set[Path](), [module]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            waiting += _imports(path)
+    return found
+
+
+@cache
+def _imports(path: Path) -> list[Path]:
+    """Files of this package that a file names in its imports."""
+    named: list[str] = []
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            named += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            named += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return [file for name in named for file in _files(name)]
+
+
+def _files(name: str) -> Iterator[Path]:
+    """The file of a module of this package, if the name is one's."""
+    package, *parts = name.split(".")
+    if package == _PACKAGE.name:
+        place = _PACKAGE.joinpath(*parts)
+        for path in (place.with_suffix(".py"), place / "__init__.py"):
+            if path.is_file():
+                yield path
+
+
+def _name(path: Path) -> str:
+    """A file's name from its package on."""
+    roots = (_PACKAGE.parent, *(room.parent for room in _ROOMS))
+    within = next((root for root in roots if path.is_relative_to(root)), path.parent)
+    return path.relative_to(within).as_posix()

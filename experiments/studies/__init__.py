@@ -1,0 +1,1 @@
+"""Questions into jobs, and those into rows of results: what is run, whoever shows it."""
