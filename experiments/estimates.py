@@ -30,12 +30,11 @@ Where = Mapping[str, str]
 """Which rows: columns of `experiments.jobs.ROWS` and the value that each must have."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Estimate:
     """A mean with its 95 % interval: NaN without a value, or with one alone.
 
-    n: seeds (or sequences) with a value; scenarios: they are of. draws: the bootstrap's means
-    (resamples,), None by jackknife.
+    n: seeds (or sequences) with a value; scenarios: they are of.
     """
 
     value: float
@@ -43,7 +42,6 @@ class Estimate:
     high: float
     n: int
     scenarios: int
-    draws: FloatArray | None = None
 
 
 def chosen(rows: pl.DataFrame, where: Where) -> pl.DataFrame:
@@ -74,7 +72,7 @@ def estimate(
 
 
 def cluster_bootstrap(values: pl.DataFrame, resamples: int = RESAMPLES) -> Estimate:
-    """The estimate of values by scenario and seed; the same values give the same draws."""
+    """The estimate of values by scenario and seed; the same values give the same bits."""
     own = by_scenario(values)
     n, scenarios = sum(map(len, own)), len(own)
     if n == 0:
@@ -82,9 +80,15 @@ def cluster_bootstrap(values: pl.DataFrame, resamples: int = RESAMPLES) -> Estim
     mean = float(np.mean([group.mean() for group in own]))
     if n == 1:
         return Estimate(mean, np.nan, np.nan, 1, 1)
-    found = drawn(own, lambda clusters, axis: clusters.mean(axis=axis), resamples)
+    found = drawn(own, mean_of, resamples)
     low, high = found.confidence_interval
-    return Estimate(mean, float(low), float(high), n, scenarios, found.bootstrap_distribution)
+    return Estimate(mean, float(low), float(high), n, scenarios)
+
+
+def mean_of(clusters: FloatArray, axis: int) -> FloatArray:
+    """The statistic of an estimate: the mean of clusters (..., n) along an axis."""
+    means: FloatArray = clusters.mean(axis=axis)
+    return means
 
 
 def by_scenario(values: pl.DataFrame) -> list[FloatArray]:
