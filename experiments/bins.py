@@ -84,7 +84,7 @@ def check_group(group: str) -> None:
 
 
 def _phases(trace: Trace, tracks: Tracks, gaps: Gaps) -> list[Bin]:
-    place = _around_gaps(trace, gaps)
+    place = around_gaps(trace, gaps)
     natural = naturally_occluded(trace, gaps)
     found = [("in view", (place.phase == "") & ~natural), ("before", place.phase == "before")]
     found.append(("gap", place.phase == "gap"))
@@ -96,7 +96,7 @@ def _phases(trace: Trace, tracks: Tracks, gaps: Gaps) -> list[Bin]:
     return [*(Bin(*one, None) for one in found), Bin("occluded", natural, None, required=False)]
 
 
-class _Around(NamedTuple):
+class Around(NamedTuple):
     """Of every truth row the phase, "" away from gaps, and in a gap which of its frames it is,
     counted from 1, else 0."""
 
@@ -104,10 +104,11 @@ class _Around(NamedTuple):
     nth: IntArray
 
 
-def _around_gaps(trace: Trace, gaps: Gaps) -> _Around:
-    around = _Around(np.full(len(trace), "", dtype="<U6"), np.zeros(len(trace), dtype=np.int64))
-    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
-        rows = trace.rows_of(int(identifier))
+def around_gaps(trace: Trace, gaps: Gaps) -> Around:
+    """Where in the gaps, and around them, every truth row is."""
+    around = Around(np.full(len(trace), "", dtype="<U6"), np.zeros(len(trace), dtype=np.int64))
+    for identifier, start, stop in gaps.rows():
+        rows = trace.rows_of(identifier)
         frame = trace.frame[rows]
         end = stop + WINDOW if gaps.reappear else stop
         around.phase[rows[(frame >= start - WINDOW) & (frame < start)]] = "before"

@@ -86,7 +86,7 @@ def _seen_and_hidden(
     """Measured positions (n_frames, n_objects, 2) [m], and where the objects are in a gap."""
     measured = by_object(occluded, occluded.source, ids, "x", "y")
     hidden = np.zeros(measured.shape[:2], dtype=np.bool_)
-    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
+    for identifier, start, stop in gaps.rows():
         hidden[start:stop, np.flatnonzero(ids == identifier)] = True
     return measured, hidden
 

@@ -7,13 +7,14 @@ not there; one that cannot be read is made anew.
 
 import hashlib
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from inspect import getfile
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import polars as pl
 
@@ -39,25 +40,26 @@ ROWS = {
 `all`, or the part that the value is of. value: null is "no value". n: what is behind it."""
 
 
-class Job(Protocol):
+class Job(ABC):
     """What is done in one piece and kept in one file. Plain data, as it goes to other processes.
 
-    One with an attribute `alone` that is true measures the machine: it is done when nothing else
-    runs.
+    alone: whether it measures the machine, and is done when nothing else runs.
     """
 
+    alone: ClassVar[bool] = False
+
     @property
+    @abstractmethod
     def group(self) -> str:
         """Jobs of one group are done by one process, one after the other, and may share work."""
-        ...
 
+    @abstractmethod
     def key(self) -> Mapping[str, Any]:
-        """All that decides the rows, as JSON takes it."""
-        ...
+        """All that decides the rows beside the sources, as JSON takes it."""
 
+    @abstractmethod
     def rows(self) -> pl.DataFrame:
         """The work: rows with the columns `ROWS`; the same key gives the same rows."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ def as_rows(measured: Iterable[Mapping[str, Any]], **everywhere: str | int) -> p
     """Rows with the columns `ROWS` of what was measured, and of what is the same in all of them; a
     column that is not named is `all` (bin), empty, or null, and NaN is null."""
     given = pl.DataFrame(list(measured), infer_schema_length=None)
+    if given.is_empty():
+        return pl.DataFrame(schema=ROWS)
     given = given.with_columns(pl.lit(value).alias(name) for name, value in everywhere.items())
     missing = [pl.lit(None).alias(name) for name in ROWS if name not in given.columns]
     whole = given.with_columns(missing).select(*ROWS).cast(ROWS)  # type: ignore[arg-type]
@@ -115,19 +119,14 @@ def do(
     missing = [job for job in jobs if store.read(job) is None]
     done = len(jobs) - len(missing)
     progress(done)
-    together = [job for job in missing if not _alone(job)]
+    together = [job for job in missing if not job.alone]
     groups = [tuple(own) for _, own in groupby(together, key=lambda job: job.group)]
     for count in engine.outcomes(partial(_do_group, store), groups, workers, warm_up):
         done += count
         progress(done)
-    for job in filter(_alone, missing):
+    for job in (job for job in missing if job.alone):
         done += _do_group(store, (job,))
         progress(done)
-
-
-def _alone(job: Job) -> bool:
-    """Whether the job must not share the machine with others."""
-    return getattr(job, "alone", False)
 
 
 def _do_group(store: Store, jobs: Sequence[Job]) -> int:

@@ -6,7 +6,7 @@ from the middle of its trajectory (`mid`: it reappears) or from the end (`late`:
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -21,6 +21,9 @@ WARMUP = 35
 
 PROVENANCE_KEY = "occlusion"
 
+Gap = tuple[int, int, int]
+"""Object, first frame, first frame after it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
@@ -33,6 +36,17 @@ class Gaps:
     stop: IntArray
     reappear: bool = True
 
+    @classmethod
+    def of(cls, rows: Sequence[Gap], reappear: bool = True) -> "Gaps":
+        """Gaps of rows."""
+        columns = np.array(rows, dtype=np.int64).reshape(-1, 3).T
+        return cls(columns[0], columns[1], columns[2], reappear)
+
+    def rows(self) -> list[Gap]:
+        """One for each gap."""
+        columns = (self.object_id, self.start, self.stop)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
     def __len__(self) -> int:
         return len(self.object_id)
 
@@ -41,7 +55,7 @@ class Gaps:
         inside = np.zeros(len(frame), dtype=np.bool_)
         rows = np.flatnonzero(np.isin(object_id, self.object_id))
         owner, when = object_id[rows], frame[rows]
-        for identifier, start, stop in zip(self.object_id, self.start, self.stop, strict=True):
+        for identifier, start, stop in self.rows():
             inside[rows[(owner == identifier) & (when >= start) & (when < stop)]] = True
         return inside
 
@@ -90,7 +104,7 @@ class OcclusionProtocol:
         nearest to the middle; where the frames allow it, one without a natural miss, so that the
         gap is exactly `length` frames long.
         """
-        found: list[tuple[int, int, int]] = []
+        found: list[Gap] = []
         for identifier in detections.ids() if self.kind != "none" else []:
             if identifier == CLUTTER:
                 continue
@@ -100,8 +114,7 @@ class OcclusionProtocol:
                 last = first + self.length - 1
                 reappears = frames[last + 1] if self.kind == "mid" else frames[last] + 1
                 found.append((int(identifier), int(frames[first - 1]) + 1, int(reappears)))
-        columns = np.array(found, dtype=np.int64).reshape(-1, 3).T
-        return Gaps(columns[0], columns[1], columns[2], reappear=self.kind == "mid")
+        return Gaps.of(found, reappear=self.kind == "mid")
 
     def _first_removed(self, frames: IntArray) -> int | None:
         """Index of the first detection to remove, None if the object is not eligible."""
@@ -126,7 +139,7 @@ class OcclusionProtocol:
         kept = detections.take(~gaps.covers(detections.source, detections.frame))
         described = {
             "protocol": str(self),
-            "gaps": np.column_stack([gaps.object_id, gaps.start, gaps.stop]).tolist(),
+            "gaps": gaps.rows(),
         }
         provenance = {**detections.provenance, PROVENANCE_KEY: json.dumps(described)}
         return replace(kept, provenance=provenance)

@@ -3,8 +3,8 @@
 import mdkf
 from experiments.bench.measure import Block, Case
 from experiments.bench.plan import Plan
-from mdkf import DETECTORS, Detections, Tracker
-from mdkf.settings import FOLDERS
+from experiments.kitti.recordings import folders_there
+from mdkf import Detections, Tracker
 from scenarios.kitti import kitti_names, kitti_root
 from sim_bridge.kitti import kitti_detections
 from sim_bridge.kitti_files import read_sequences
@@ -22,10 +22,7 @@ def blocks(plan: Plan) -> list[Block]:
 
 def detectors() -> list[str]:
     """Those detectors, as their folders are named; none without the data."""
-    if not kitti_names():
-        return []
-    folders = sorted(path.name for path in (kitti_root() / "detections").glob("*/"))
-    return [name for name in folders if FOLDERS.get(name, name) in DETECTORS]
+    return [path.name for path in folders_there().values()] if kitti_names() else []
 
 
 def recorded(detector: str) -> list[Detections]:

@@ -10,6 +10,7 @@ from experiments.detectors.recordings import SPLITS, sequences_of
 from experiments.kitti.official import Labels
 from mdkf import Detections, Trace
 from mdkf.settings import DETECTORS, FOLDERS
+from scenarios.kitti import kitti_root
 from sim_bridge import KittiError, Profile, detect, kitti_detections, kitti_trace
 from sim_bridge.kitti_files import SEQUENCES, read_bytes, read_sequences
 from sim_bridge.kitti_image import Camera, pictures
@@ -79,6 +80,17 @@ def detector_folders(
         if names.count(name) > 1:
             raise KittiError(f"two folders of detections are called {name!r}: expected one")
     return folders
+
+
+def folders_there() -> dict[str, Path]:
+    """Folders of recorded detections by the name of their tracker's settings, of several with the
+    same the first; none without the data (`scenarios.kitti.kitti_root`)."""
+    found: dict[str, Path] = {}
+    for path in sorted((kitti_root() / "detections").glob("*/")):
+        name = FOLDERS.get(path.name, path.name)
+        if name in DETECTORS:
+            found.setdefault(name, path)
+    return found
 
 
 def sequences_in(root: Path, split: str) -> tuple[str, ...]:

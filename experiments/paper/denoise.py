@@ -10,12 +10,10 @@ from experiments.jobs import Job
 from experiments.paper.denoise_figure import bars, cars
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
 from experiments.statistics import told
-from experiments.studies import worlds
 from experiments.studies.denoise import (
     AFTER_START,
     ESTIMATES,
     ONE_CAR,
-    SPLIT,
     TRAFFIC,
     WHITE,
     Denoised,
@@ -23,8 +21,10 @@ from experiments.studies.denoise import (
     OneCar,
     recordings,
 )
-from experiments.studies.dynamics import BLOCK, MOST_JOURNEYS
+from experiments.studies.journeys import blocks
+from experiments.studies.recorded import SPLIT
 from experiments.studies.scale import Scale
+from experiments.studies.seeds import of_traffic
 
 DETECTORS = ("virconv", "pointrcnn", "second")
 CARS = ("city_grid", "small_roundabout")
@@ -62,18 +62,12 @@ _CAPTIONS = {
 
 
 def _jobs(scale: Scale) -> list[Job]:
-    count = min(scale.monte_carlo, MOST_JOURNEYS)
     found: list[Job] = [
-        DenoisedJourneys(k, min(BLOCK, count - k), detector)
-        for detector in DETECTORS
-        for k in range(0, count, BLOCK)
+        DenoisedJourneys(*block, detector) for detector in DETECTORS for block in blocks(scale)
     ]
     found += [OneCar(name, CARS_SEED, CARS_DETECTOR) for name in CARS]
     found += [
-        Denoised(name, seed, detector)
-        for seed in range(scale.worlds)
-        for name in worlds.traffic()
-        for detector in DETECTORS
+        Denoised(*one, detector) for one in of_traffic(scale.worlds) for detector in DETECTORS
     ]
     return [*found, *recordings(DETECTORS)]
 

@@ -74,7 +74,7 @@ class Item:
     """A table or figure.
 
     place: where in the paper. caption: what differs in kind from the paper's. jobs: what must be
-    done for it at a scale. answer: of the rows of those jobs.
+    done for it at a scale. answer: of all rows of a run, those of its jobs among them.
     """
 
     id: str

@@ -15,6 +15,7 @@ from experiments.paper.scene_figures import (
     gap_figure,
     paths_figure,
 )
+from experiments.paper.scores import minus
 from experiments.studies import scenes
 from experiments.studies.natural import HORIZON, LEFT, MOVING, SHORTEST, STEADY, WARMUP
 from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3
@@ -76,7 +77,7 @@ def _less(
         for name in order:
             for column, metric, start, unit in scores if name != subject else ():
                 cells.add(
-                    (table, f"{subject} − {name}", column),
+                    (table, minus(subject, name), column),
                     _where(population, metric, subject + start, scenario),
                     unit,
                     source=source,

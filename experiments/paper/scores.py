@@ -19,8 +19,6 @@ OPPONENTS: Mapping[str, tuple[str, ...]] = {
 }
 """Filters that MD is compared with, by MD's name: of the same order and start variances."""
 
-TOLD_MINUS = "\N{MINUS SIGN}"
-
 DETECTORS = {
     "virconv": "VirConv",
     "casa": "CasA",
@@ -57,7 +55,7 @@ DRIFT = Score("drift", "drift", "m", "lower")
 
 def minus(subject: str, opponent: str) -> str:
     """The line, or column, of a paired difference."""
-    return f"{subject} {TOLD_MINUS} {opponent}"
+    return f"{subject} − {opponent}"
 
 
 def simulated(detector: str, occlusion: str = "none", name: str = "all") -> dict[str, str]:

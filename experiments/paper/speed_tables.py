@@ -11,6 +11,7 @@ from experiments.estimates import Estimate, Where, chosen
 from experiments.jobs import Job
 from experiments.paper import speed_figures
 from experiments.paper.item import Answer, Cells, Item, Picture
+from experiments.paper.published import of_validation
 from experiments.paper.speed_figures import Point
 from experiments.studies import speed, worlds
 from experiments.studies.scale import Scale
@@ -44,17 +45,6 @@ _TRADED: Mapping[str, Where] = {
     speed.TRACKER: {"scenario": speed.TRAFFIC, "detector": ACCURACY.detector},
 }
 """Rows of the trade-off's CPU times, by tier."""
-
-PAPER_HOTA = {"ca": 85.95, "imm": 86.10, "md": 86.36}
-"""KITTI val, VirConv [%]."""
-PAPER_TIMES: Mapping[str, tuple[float, float, float]] = {
-    "virconv": (542, 615, 73),
-    "casa": (585, 653, 68),
-    "pointrcnn": (859, 953, 94),
-    "second": (643, 714, 71),
-    "pvrcnn": (613, 696, 83),
-}
-"""Time per frame of the baseline and with motion dynamics, and the time added [us]."""
 
 MACHINE = (
     "Means over interleaved rounds of one thread's CPU time on the machine at hand, with memory"
@@ -172,22 +162,34 @@ def _add_accuracy(cells: Cells, name: str) -> Estimate:
         **{"study": worlds.STUDY, "detector": ACCURACY.detector, "bin": "all"},
         **{"occlusion": ACCURACY.occlusion, "filter": name, "metric": "hota"},
     }
-    paper = PAPER_HOTA[_of_paper(name)]
+    known = of_validation(ACCURACY.detector)
+    paper = known[name]["hota"]
     cells.add((_WHOLE, name, "HOTA"), where, "%", better="higher", paper=paper)
     return cells.add(
         (_WHOLE, name, "HOTA − ca"),
         where,
         "%",
         against={"filter": "ca"},
-        paper=round(paper - PAPER_HOTA["ca"], 2),
+        paper=round(paper - known["ca"]["hota"], 2),
     )
+
+
+def paper_times(detector: str) -> tuple[float | None, float | None]:
+    """The paper's time of a frame with the baseline, and with motion dynamics [us]."""
+    known = of_validation(detector)
+    return _microseconds(known.get("ca", {})), _microseconds(known.get("md", {}))
+
+
+def _microseconds(known: Mapping[str, float]) -> float | None:
+    milliseconds = known.get("ms_per_frame")
+    return None if milliseconds is None else round(1000 * milliseconds)
 
 
 def _add_detector(cells: Cells, part: str, detector: str) -> None:
     """Add a detector's line to a part's table."""
     where = {"study": speed.STUDY, "scenario": part, "detector": detector}
-    unknown = (None, None, None)
-    baseline, dynamic, added = PAPER_TIMES.get(FOLDERS.get(detector, detector), unknown)
+    baseline, dynamic = paper_times(FOLDERS.get(detector, detector))
+    added = None if baseline is None or dynamic is None else dynamic - baseline
     columns: list[tuple[str, str, str, Where | None, float | None]] = [
         ("ca", "ca", LATENCY, None, baseline),
         ("md", "md", LATENCY, None, dynamic),

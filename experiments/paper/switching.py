@@ -8,6 +8,7 @@ import polars as pl
 
 from experiments.paper import switching_figures
 from experiments.paper.item import Answer, Cells, Item, Picture
+from experiments.paper.scores import minus
 from experiments.studies import switches
 from experiments.studies import switching as switching_worlds
 from experiments.studies.switches import SWITCHES, Switch
@@ -103,7 +104,7 @@ def _add_errors(cells: Cells, table: str, columns: Sequence[tuple[str, str]]) ->
     for name, opponent in PAIRS:
         for heading, one in columns:
             asked = {**where, "filter": name, "bin": one}
-            place = (table, f"{name} − {opponent}", heading)
+            place = (table, minus(name, opponent), heading)
             cells.add(place, asked, "m", against={"filter": opponent})
 
 

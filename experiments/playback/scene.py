@@ -98,7 +98,7 @@ def estimates(
     semi-axes of the 95 % ellipse of the position; `diagnostics` by name.
     """
     own = _object(trace, focus, played)
-    followed = int(gap_errors(trace, tracks, gap_of(focus, gap))["track_id"][0])
+    followed = int(gap_errors(trace, tracks, Gaps.of([(focus, *gap)]))["track_id"][0])
     by_frame = (
         _row_of(tracks, followed, *one) for one in zip(played, own["x"], own["y"], strict=True)
     )
@@ -118,12 +118,6 @@ def estimates(
         "followed": followed,
         "diagnostics": {name: found[name] for name in diagnostics},
     }
-
-
-def gap_of(focus: int, gap: tuple[int, int]) -> Gaps:
-    """One object's gap, as `experiments.phases.gap_errors` takes it."""
-    object_id, start, stop = np.array([[focus], [gap[0]], [gap[1]]], dtype=np.int64)
-    return Gaps(object_id, start, stop)
 
 
 def played_frames(trace: Trace, gap: tuple[int, int], frames: range | None = None) -> range:

@@ -7,11 +7,8 @@ go into its own filter (`experiments.alone`). Every detection counts; told apart
 second of detections: before it, most of the error is the start's.
 """
 
-import hashlib
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,16 +18,15 @@ import sim_bridge
 from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
 from experiments.bins import EVERYTHING
 from experiments.estimates import RECORDED
-from experiments.jobs import ROWS, as_rows
-from experiments.kitti.recordings import sequences_in
-from experiments.studies import worlds
-from experiments.studies.journeys import SCENARIO, journeys
+from experiments.jobs import Job, as_rows
+from experiments.kitti.recordings import folders_there, sequences_in
+from experiments.studies.journeys import JourneyJob, Journeys
+from experiments.studies.recorded import SPLIT, contents
+from experiments.studies.seeds import SeedJob
 from mdkf import DETECTORS, Detections, MotionDynamics, Trace
 from mdkf.motion_dynamics import Denoise
-from mdkf.settings import FOLDERS
 from mdkf.tables import CLUTTER, BoolArray, FloatArray
 from scenarios.kitti import kitti_root
-from sim_bridge.kitti import recording_identity
 
 TRAFFIC = "denoise"
 WHITE = "denoise-white"
@@ -45,8 +41,6 @@ filter."""
 
 AFTER_START = "detected for 1 s"
 """The bin of what is settled."""
-
-SPLIT = "val"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,135 +74,72 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Denoised:
+class Denoised(SeedJob):
     """One seed of a traffic scenario."""
 
-    scenario: str
-    seed: int
     detector: str
 
     @property
-    def group(self) -> str:
-        """Shares its simulation with all that is done with the same world."""
-        return worlds.group(self.scenario, self.seed)
+    def labels(self) -> Mapping[str, str]:
+        """By detector."""
+        return {"study": TRAFFIC, "detector": self.detector}
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            "study": TRAFFIC,
-            "scenario": worlds.identity(self.scenario),
-            "seed": self.seed,
-            "detector": self.detector,
-        }
-
-    def rows(self) -> pl.DataFrame:
-        """`mse` [m2] and `spread` [m] of each estimate; none if the seed was refused."""
-        try:
-            trace = worlds.simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
-        found = worlds.detected(self.scenario, self.seed, self.detector)
-        return as_rows(
-            table_errors(trace, found, self.detector).summary(),
-            study=TRAFFIC,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=self.detector,
-        )
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
+        """`mse` [m2] and `spread` [m] of each estimate."""
+        return table_errors(trace, self.detected(self.detector), self.detector).summary()
 
 
 @dataclass(frozen=True)
-class OneCar:
+class OneCar(SeedJob):
     """The car with the most detections in one seed of a traffic scenario (of several the one with
     the lowest id)."""
 
-    scenario: str
-    seed: int
     detector: str
 
     @property
-    def group(self) -> str:
-        """Shares its simulation with all that is done with the same world."""
-        return worlds.group(self.scenario, self.seed)
+    def labels(self) -> Mapping[str, str]:
+        """By detector."""
+        return {"study": ONE_CAR, "detector": self.detector}
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            "study": ONE_CAR,
-            "scenario": worlds.identity(self.scenario),
-            "seed": self.seed,
-            "detector": self.detector,
-        }
-
-    def rows(self) -> pl.DataFrame:
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
         """`mse` [m2] and `spread` [m] of each estimate, and its `error` [m] by frame with a
-        detection, counted from 0; none if the seed was refused."""
-        try:
-            trace = worlds.simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
-        found = worlds.detected(self.scenario, self.seed, self.detector)
+        detection, counted from 0."""
+        found = self.detected(self.detector)
         ids, counts = np.unique(found.source[found.source != CLUTTER], return_counts=True)
         own = found.take(found.source == ids[np.argmax(counts)])
         errors = table_errors(trace, own, self.detector)
-        by_frame = [
-            {"filter": name, "bin": f"frame {k}", "metric": "error", "value": error, "n": 1}
-            for name, values in errors.of.items()
-            for k, error in enumerate(values)
-        ]
-        return as_rows(
-            [*errors.summary(), *by_frame],
-            study=ONE_CAR,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=self.detector,
-        )
+        yield from errors.summary()
+        for name, values in errors.of.items():
+            for k, error in enumerate(values):
+                where = {"filter": name, "bin": f"frame {k}", "n": 1}
+                yield {**where, "metric": "error", "value": error}
 
 
 @dataclass(frozen=True)
-class DenoisedJourneys:
-    """Some seeds of the journey in closed form, from `first` on."""
-
-    first: int
-    seeds: int
-    detector: str
+class DenoisedJourneys(JourneyJob):
+    """Some seeds of the journey in closed form."""
 
     @property
-    def group(self) -> str:
-        """Shares nothing."""
-        return f"{SCENARIO}, seeds {self.first} to {self.first + self.seeds - 1}, denoised"
+    def study(self) -> str:
+        """White noise."""
+        return WHITE
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            "study": WHITE,
-            "scenario": worlds.identity(SCENARIO),
-            "first": self.first,
-            "seeds": self.seeds,
-            "detector": self.detector,
-        }
-
-    def rows(self) -> pl.DataFrame:
+    def measured(self, driven: Journeys) -> Iterator[dict[str, Any]]:
         """`mse` [m2] and `spread` [m] of each estimate and seed."""
-        seeds = range(self.first, self.first + self.seeds)
-        driven = journeys(seeds, DETECTORS[self.detector])
         errors = estimate_errors(driven.measured, driven.true, driven.dt, self.detector)
         n_frames = len(driven.measured)
-        found = [
-            {"seed": seed, **row}
-            for place, seed in enumerate(seeds)
-            for row in errors.take(slice(place * n_frames, (place + 1) * n_frames)).summary()
-        ]
-        return as_rows(found, study=WHITE, scenario=SCENARIO, detector=self.detector)
+        for place, seed in enumerate(self.numbers):
+            own = errors.take(slice(place * n_frames, (place + 1) * n_frames))
+            yield from ({"seed": seed, **row} for row in own.summary())
 
 
 @dataclass(frozen=True)
-class DenoisedRecordings:
-    """The validation sequences of KITTI with recorded detections; truth is the labels."""
+class DenoisedRecordings(Job):
+    """The validation sequences of KITTI with recorded detections; truth is the labels. contents:
+    SHA-256 of the recordings."""
 
-    root: Path
-    folder: Path
     detector: str
+    contents: str
 
     @property
     def group(self) -> str:
@@ -217,15 +148,15 @@ class DenoisedRecordings:
 
     def key(self) -> Mapping[str, Any]:
         """All that decides the rows."""
-        own = {"split": SPLIT, "detector": self.detector}
-        return {"study": RECORDED, **own, "files": _identity(self.root, self.folder)}
+        return {"study": RECORDED, "split": SPLIT, **vars(self)}
 
     def rows(self) -> pl.DataFrame:
         """`mse` [m2] and `spread` [m] of each estimate over all sequences, and over all but one."""
+        root, folder = kitti_root(), folders_there()[self.detector]
         by_sequence = {}
-        for name in sequences_in(self.root, SPLIT):
-            trace = sim_bridge.kitti_trace(self.root, name)
-            found = sim_bridge.kitti_detections(self.root, self.folder, name)
+        for name in sequences_in(root, SPLIT):
+            trace = sim_bridge.kitti_trace(root, name)
+            found = sim_bridge.kitti_detections(root, folder, name)
             by_sequence[name] = table_errors(trace, found, self.detector)
         parts = {SPLIT: list(by_sequence.values())}
         for left_out in by_sequence:
@@ -241,12 +172,8 @@ class DenoisedRecordings:
 
 def recordings(detectors: Container[str]) -> list[DenoisedRecordings]:
     """A job for each of some detectors of which there are recorded detections."""
-    root = kitti_root()
-    folders: dict[str, Path] = {}
-    for path in sorted((root / "detections").glob("*/")):
-        folders.setdefault(FOLDERS.get(path.name, path.name), path)
-    own = [(name, path) for name, path in folders.items() if name in detectors]
-    return [DenoisedRecordings(root, path, name) for name, path in own]
+    there = folders_there()
+    return [DenoisedRecordings(name, contents(there[name])) for name in there if name in detectors]
 
 
 def table_errors(trace: Trace, found: Detections, detector: str) -> Errors:
@@ -276,13 +203,3 @@ def estimate_errors(measured: FloatArray, true: FloatArray, dt: float, detector:
     seen = lengths > 0
     errors = {name: distance(own, true).T[seen] for name, own in estimated.items()}
     return Errors(errors, lengths[seen] > SETTLED)
-
-
-@cache
-def _identity(root: Path, folder: Path) -> str:
-    """SHA-256 of all files that are read."""
-    digest = hashlib.sha256()
-    for name in sequences_in(root, SPLIT):
-        digest.update(recording_identity(root, name).encode())
-        digest.update(hashlib.sha256((folder / f"{name}.txt").read_bytes()).digest())
-    return digest.hexdigest()

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import polars as pl
 
-import sim_bridge
 from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
-from experiments.jobs import ROWS, Job, as_rows
-from experiments.studies import worlds
-from experiments.studies.journeys import SCENARIO, journeys
+from experiments.jobs import Job
+from experiments.studies.journeys import JourneyJob, Journeys, blocks
 from experiments.studies.scale import Scale
-from mdkf import DETECTORS, estimator
+from experiments.studies.seeds import SeedJob, of_traffic
+from mdkf import DETECTORS, Trace, estimator
 from mdkf.tables import CLUTTER, REGIMES, UNKNOWN_REGIME, FloatArray
 
 TRAFFIC = "alone"
@@ -33,105 +31,61 @@ UNSETTLED = "detected for less than 1 s"
 BINS = (*(name.replace("_", " ") for name in REGIMES[:UNKNOWN_REGIME]), UNSETTLED)
 METRICS = ("predicted", "posterior")
 
-BLOCK = 20
-"""Journeys that are done at once: a filter takes as long for one as for all of them."""
-MOST_JOURNEYS = 200
 DRAWN_SEED = 0
 DRAWN = ("cv", "ca", "cj", "md")
 """The seed and the filters whose errors are kept frame by frame."""
 
 
 @dataclass(frozen=True)
-class Alone:
+class Alone(SeedJob):
     """One seed of a traffic scenario, each object's detections through filters of its own."""
 
-    scenario: str
-    seed: int
-    detector: str = DETECTOR
-    filters: tuple[str, ...] = (*FILTERS, *RETUNED)
-
     @property
-    def group(self) -> str:
-        """Shares its simulation with all that is done with the same world."""
-        return worlds.group(self.scenario, self.seed)
+    def labels(self) -> Mapping[str, str]:
+        """The same for all."""
+        return {"study": TRAFFIC, "detector": DETECTOR}
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            **{"study": TRAFFIC, "scenario": worlds.identity(self.scenario)},
-            **{"seed": self.seed, "detector": self.detector, "filters": self.filters},
-        }
-
-    def rows(self) -> pl.DataFrame:
-        """Mean errors [m] by filter, bin and metric; none if the seed was refused."""
-        try:
-            trace = worlds.simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
-        found = worlds.detected(self.scenario, self.seed, self.detector)
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
+        """Mean errors [m] by filter, bin and metric."""
+        found = self.detected(DETECTOR)
         ids = np.unique(found.source[found.source != CLUTTER])
-        measured = by_object(found, found.source, ids, "x", "y")
+        seen = by_object(found, found.source, ids, "x", "y")
         truth = by_object(trace, trace.object_id, ids, "x", "y", "regime")
-        binned = bins(measured, truth[..., 2])
-        means: list[dict[str, Any]] = []
-        for name in self.filters:
-            own = errors(name, measured, truth[..., :2], trace.dt, self.detector)
-            means += _means(name, own, binned)
-        return as_rows(
-            means,
-            study=TRAFFIC,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=self.detector,
-        )
+        binned = bins(seen, truth[..., 2])
+        for name in (*FILTERS, *RETUNED):
+            own = errors(name, seen, truth[..., :2], trace.dt, DETECTOR)
+            yield from _means(name, own, binned)
 
 
 @dataclass(frozen=True)
-class Journeys:
-    """Some seeds of the journey in closed form, from `first` on."""
-
-    first: int
-    seeds: int
-    detector: str = DETECTOR
-    filters: tuple[str, ...] = FILTERS
+class Journey(JourneyJob):
+    """Some seeds of the journey, all filters on each."""
 
     @property
-    def group(self) -> str:
-        """Shares nothing."""
-        return f"{SCENARIO}, seeds {self.first} to {self.first + self.seeds - 1}"
+    def study(self) -> str:
+        """Closed form."""
+        return JOURNEY
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        return {
-            **{"study": JOURNEY, "scenario": worlds.identity(SCENARIO)},
-            **{"first": self.first, "seeds": self.seeds, "detector": self.detector},
-            **{"filters": self.filters, "drawn": (DRAWN_SEED, DRAWN)},
-        }
-
-    def rows(self) -> pl.DataFrame:
+    def measured(self, driven: Journeys) -> Iterator[dict[str, Any]]:
         """Mean errors [m] by seed, filter, bin and metric; of the drawn seed also by frame, with
         the `speed` [m/s], `acceleration` [m/s2] and `regime` (a code) of the `truth`."""
-        seeds = range(self.first, self.first + self.seeds)
-        driven = journeys(seeds, DETECTORS[self.detector])
         regime = np.stack([trace.regime.astype(float) for trace in driven.traces], axis=1)
         binned = bins(driven.measured, regime)
-        found = []
-        for name in self.filters:
+        for name in FILTERS:
             own = errors(name, driven.measured, driven.true, driven.dt, self.detector)
-            for place, seed in enumerate(seeds):
+            for place, seed in enumerate(self.numbers):
                 one = {metric: values[:, [place]] for metric, values in own.items()}
                 told = list(_means(name, one, binned[:, [place]]))
                 if seed == DRAWN_SEED and name in DRAWN:
                     told += _over_time(name, one)
-                found += [{"seed": seed, **row} for row in told]
-        if DRAWN_SEED in seeds:
+                yield from ({"seed": seed, **row} for row in told)
+        if DRAWN_SEED in self.numbers:
             trace = driven.traces[DRAWN_SEED - self.first]
             speed = np.hypot(trace.vx, trace.vy)
             along = (trace.ax * trace.vx + trace.ay * trace.vy) / np.where(speed > 0, speed, 1.0)
             truth = {"speed": speed, "acceleration": along, "regime": trace.regime.astype(float)}
             shown = {metric: values[:, None] for metric, values in truth.items()}
-            found += [{"seed": DRAWN_SEED, **row} for row in _over_time("truth", shown)]
-        return as_rows(found, study=JOURNEY, scenario=SCENARIO, detector=self.detector)
+            yield from ({"seed": DRAWN_SEED, **row} for row in _over_time("truth", shown))
 
 
 def errors(
@@ -179,7 +133,5 @@ def _over_time(name: str, values: Mapping[str, FloatArray]) -> Iterator[dict[str
 
 def jobs(scale: Scale) -> list[Job]:
     """Journeys in blocks, and every seed of traffic."""
-    count = min(scale.monte_carlo, MOST_JOURNEYS)
-    found: list[Job] = [Journeys(k, min(BLOCK, count - k)) for k in range(0, count, BLOCK)]
-    found += [Alone(name, seed) for seed in range(scale.worlds) for name in worlds.traffic()]
-    return found
+    found: list[Job] = [Journey(*block, DETECTOR) for block in blocks(scale)]
+    return [*found, *(Alone(*one) for one in of_traffic(scale.worlds))]

@@ -6,12 +6,12 @@ hidden: in range, and less visible than what counts (`experiments.population`). 
 missed, mostly at the edges, as the detector misses what is half hidden.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from experiments.occlusion import Gaps
+from experiments.occlusion import Gap, Gaps
 from experiments.population import naturally_occluded
 from mdkf.tables import KINDS, BoolArray, Detections, FloatArray, IntArray, Trace
 
@@ -28,9 +28,6 @@ STEADY = 12
 MOVING = 1.0
 """Speed as a gap begins from which a car moves [m/s]; slower ones creep in a queue."""
 
-Gap = tuple[int, int, int]
-"""Object, first frame, first frame after it."""
-
 
 def natural_gaps(trace: Trace, detections: Detections) -> Gaps:
     """The gaps between two detections of a car that was detected at least `WARMUP` times before."""
@@ -41,7 +38,7 @@ def natural_gaps(trace: Trace, detections: Detections) -> Gaps:
             all_there = own.sum() == seen[k + 1] - seen[k] - 1
             if k + 1 >= WARMUP and all_there and _mostly(hidden[own]):
                 found.append((car, int(seen[k]) + 1, int(seen[k + 1])))
-    return as_gaps(found)
+    return Gaps.of(found)
 
 
 def leaving_gaps(trace: Trace, detections: Detections) -> Gaps:
@@ -53,7 +50,7 @@ def leaving_gaps(trace: Trace, detections: Detections) -> Gaps:
         own = (trace.frame[rows] >= first) & (trace.frame[rows] < first + LEFT)
         if own.sum() == LEFT and _mostly(hidden[own]) and _speed(trace, rows[own])[0] >= MOVING:
             found.append((car, first, first + LEFT))
-    return replace(as_gaps(found), reappear=False)
+    return Gaps.of(found, reappear=False)
 
 
 def populations(trace: Trace, detections: Detections, gaps: Gaps) -> dict[str, list[Gap]]:
@@ -63,7 +60,7 @@ def populations(trace: Trace, detections: Detections, gaps: Gaps) -> dict[str, l
     as the gap begins. parked: from the first frame of the trace to the last.
     """
     found: dict[str, list[Gap]] = {"standing": [], "moving": [], "parked": []}
-    for car, start, stop in rows_of(gaps):
+    for car, start, stop in gaps.rows():
         rows, seen = trace.rows_of(car), detections.frame[detections.rows_of(car)]
         frame, speed = trace.frame[rows], _speed(trace, rows)
         since = seen[seen < start][-WARMUP]
@@ -88,22 +85,11 @@ def measured(gaps: Gaps) -> Gaps:
     return replace(gaps, stop=np.minimum(gaps.stop, gaps.start + HORIZON))
 
 
-def as_gaps(rows: Sequence[Gap]) -> Gaps:
-    """Gaps of rows."""
-    return Gaps(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
-
-
-def rows_of(gaps: Gaps) -> list[Gap]:
-    """Rows of gaps."""
-    columns = (gaps.object_id, gaps.start, gaps.stop)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
 def _cars(
     trace: Trace, detections: Detections
 ) -> Iterator[tuple[int, IntArray, BoolArray, IntArray]]:
     """Of each car: its id, its rows, whether it is hidden in each, the frames it is detected in."""
-    hidden = naturally_occluded(trace, as_gaps([]))
+    hidden = naturally_occluded(trace, Gaps.of([]))
     for car in np.unique(trace.object_id[trace.kind == KINDS.index("car")]).tolist():
         rows = trace.rows_of(car)
         yield car, rows, hidden[rows], detections.frame[detections.rows_of(car)]

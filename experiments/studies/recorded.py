@@ -15,10 +15,11 @@ from typing import Any
 import polars as pl
 
 from experiments.estimates import RECORDED
-from experiments.jobs import as_rows
+from experiments.jobs import Job, as_rows
 from experiments.kitti.recordings import (
     DetectorFolder,
     Recording,
+    folders_there,
     read_recordings,
     recorded_detections,
     sequences_in,
@@ -29,9 +30,6 @@ from experiments.occlusion import OcclusionProtocol
 from experiments.studies.worlds import FILTERS
 from scenarios.kitti import kitti_root
 
-FOLDERS = {"pointrcnn": "pointrcnn", "pvrcnn": "pvcnn", "second": "second_iou"}
-"""Folders of recorded detections by the name of their tracker's settings."""
-
 SPLIT = "val"
 RULES_NAME = "paper"
 
@@ -40,7 +38,7 @@ METRICS = ("hota", "deta", "assa", "assre", "mota", "motp", "idf1", "idsw")
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Job):
     """One detector's recorded detections of the split, occluded, tracked by every filter.
 
     detector: name of the tracker's settings; occlusion: as `OcclusionProtocol.parse` takes it.
@@ -65,7 +63,7 @@ class Recorded:
         """The scores `METRICS` by KITTI's rules, n the sequences they are of."""
         root = kitti_root()
         recordings = _recordings(root)
-        folder = DetectorFolder.of(root / "detections" / FOLDERS[self.detector], None)
+        folder = DetectorFolder.of(folders_there()[self.detector], None)
         seen = recorded_detections(root, folder.path, recordings)
         protocol = OcclusionProtocol.parse(self.occlusion)
         results = run(Plan(self.filters, (RULES[RULES_NAME],), protocol), folder, recordings, seen)
@@ -84,15 +82,11 @@ class Recorded:
 
 def jobs(detectors: Sequence[str], occlusions: Sequence[str] = ("none",)) -> list[Recorded]:
     """A job for each occlusion and each of the detectors of which there are recordings."""
-    root = kitti_root()
-    there = [
-        name
-        for name in detectors
-        if name in FOLDERS and (root / "detections" / FOLDERS[name]).is_dir()
-    ]
+    there = folders_there()
     return [
-        Recorded(name, occlusion, _contents(root, FOLDERS[name]))
-        for name in there
+        Recorded(name, occlusion, contents(there[name]))
+        for name in detectors
+        if name in there
         for occlusion in occlusions
     ]
 
@@ -103,11 +97,12 @@ def _recordings(root: Path) -> tuple[Recording, ...]:
 
 
 @cache
-def _contents(root: Path, folder: str) -> str:
-    """SHA-256 of the names and contents of the files behind a detector's rows."""
+def contents(folder: Path) -> str:
+    """SHA-256 of the names and contents of the recordings with a folder of detections."""
+    root = kitti_root()
     digest = hashlib.sha256()
-    parts = ("label_02", "calib", "pose", f"detections/{folder}")
-    files = [path for part in parts for path in sorted((root / part).glob("*"))]
+    parts = (root / "label_02", root / "calib", root / "pose", folder)
+    files = [path for part in parts for path in sorted(part.glob("*"))]
     for path in [*files, *sorted(path for path in root.iterdir() if path.is_file())]:
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f"{path.relative_to(root).as_posix()} {content}\n".encode())

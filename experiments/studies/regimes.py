@@ -15,7 +15,7 @@ import polars as pl
 
 import mdkf
 from experiments.bins import EVERYTHING
-from experiments.jobs import as_rows
+from experiments.jobs import Job, as_rows
 from experiments.studies.motions import REGIMES, Regime
 from experiments.studies.scale import Scale
 from mdkf import DETECTORS, Estimator, MotionDynamics
@@ -76,7 +76,7 @@ NOISES = (Noise.of_detector("pointrcnn"), Noise.of_deviation(0.1))
 
 
 @dataclass(frozen=True)
-class MonteCarlo:
+class MonteCarlo(Job):
     """A regime, by id, with `seeds` seeds from 0 on: all noises, histories, gaps and filters."""
 
     regime: str

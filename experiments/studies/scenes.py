@@ -10,25 +10,20 @@ import numpy as np
 import polars as pl
 
 import scenarios
-import sim_bridge
 from experiments.drift import drift
-from experiments.jobs import ROWS, as_rows
 from experiments.metrics import bird_iou
-from experiments.occlusion import Gaps
+from experiments.occlusion import Gap, Gaps
 from experiments.phases import gap_errors
-from experiments.studies import worlds
 from experiments.studies.natural import (
     HORIZON,
-    Gap,
-    as_gaps,
     leaving_gaps,
     measured,
     natural_gaps,
     populations,
-    rows_of,
     steady,
 )
 from experiments.studies.scale import Scale
+from experiments.studies.seeds import SeedJob
 from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3, RETUNED
 from mdkf import DETECTORS, Detections, Trace, Tracker, Tracks, estimator
 from mdkf.tables import FloatArray
@@ -59,25 +54,17 @@ DETECTED = "detections"
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(SeedJob):
     """One seed of a scenario. Bins: `standing`, `moving`, `parked` and `leaving` cars, and what is
     drawn."""
 
-    scenario: str
-    seed: int
-
     @property
-    def group(self) -> str:
-        """Shared with other work on this seed, and its simulation with it."""
-        return f"{self.scenario}, seed {self.seed}"
+    def labels(self) -> Mapping[str, str]:
+        """The same for all."""
+        return {"study": STUDY, "detector": DETECTOR, "occlusion": OCCLUSION}
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        identity = scenarios.load(self.scenario).identity()
-        return {"study": STUDY, "scenario": identity, "seed": self.seed, "detector": DETECTOR}
-
-    def rows(self) -> pl.DataFrame:
-        """None if the seed was refused, or no car is hidden in it; else by filter and bin
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
+        """None if no car is hidden; else by filter and bin
 
         drift, drift sd: mean and standard deviation of the filter's own errors in the measured
             frames of all gaps [m]; the mean also of the gaps before which MD's window was formed,
@@ -93,16 +80,7 @@ class Scene:
 
         Of the filters `ALONE_ONLY` there is the drift, but not frame by frame.
         """
-        try:
-            trace = worlds.simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
-        detections = worlds.detected(self.scenario, self.seed, DETECTOR)
-        found = list(_measured(trace, detections, self.seed == DRAWN_SEED))
-        if not found:
-            return pl.DataFrame(schema=ROWS)
-        where: dict[str, Any] = {"scenario": self.scenario, "seed": self.seed, "detector": DETECTOR}
-        return as_rows(found, study=STUDY, occlusion=OCCLUSION, **where)
+        return _measured(trace, self.detected(DETECTOR), self.seed == DRAWN_SEED)
 
 
 def jobs(scale: Scale, names: Sequence[str]) -> list[Scene]:
@@ -118,8 +96,8 @@ def jobs(scale: Scale, names: Sequence[str]) -> list[Scene]:
 def _measured(trace: Trace, detections: Detections, drawn: bool) -> Iterator[dict[str, Any]]:
     """filter, bin, metric, value and what is behind it."""
     natural, leaving = natural_gaps(trace, detections), leaving_gaps(trace, detections)
-    bins = {**populations(trace, detections, natural), "leaving": rows_of(leaving)}
-    gaps = as_gaps([*rows_of(measured(natural)), *rows_of(leaving)])
+    bins = {**populations(trace, detections, natural), "leaving": leaving.rows()}
+    gaps = Gaps.of([*measured(natural).rows(), *leaving.rows()])
     if not len(gaps):
         return
     settings = DETECTORS[DETECTOR]
@@ -149,7 +127,7 @@ def _in_gaps(gaps: Gaps) -> pl.DataFrame:
     """object_id, gap_start, frame, nth (counted from 1) and whether it is the last, of each gap."""
     rows = [
         (car, start, frame, frame - start + 1, frame == stop - 1)
-        for car, start, stop in rows_of(gaps)
+        for car, start, stop in gaps.rows()
         for frame in range(start, stop)
     ]
     return pl.DataFrame(rows, ["object_id", "gap_start", "frame", "nth", "last"], orient="row")

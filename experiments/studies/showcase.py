@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-import scenarios
 import sim_bridge
 from experiments.engine import RunFailed
-from experiments.jobs import as_rows
+from experiments.jobs import Job, as_rows
+from experiments.occlusion import Gaps
 from experiments.phases import gap_errors
-from experiments.playback.scene import estimates, gap_of, played_frames
+from experiments.playback.scene import estimates, played_frames
 from experiments.population import SCORED_RANGE, SCORED_VISIBLE
+from experiments.studies.seeds import detected, identity, simulated
 from mdkf import Detections, Trace, Tracker, Tracks, estimator
 from mdkf.tables import KINDS, REGIMES
 from sim_bridge.frames import frames_of
@@ -106,7 +107,7 @@ def _hides(trace: Trace, object_id: int, frame: int) -> int | None:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Job):
     """What is looked at: one scenario, of the first seed that has a hidden car."""
 
     scenario: str
@@ -120,7 +121,7 @@ class Scene:
         """All that decides the rows."""
         return {
             "study": STUDY,
-            "scenario": scenarios.load(self.scenario).identity(),
+            "scenario": identity(self.scenario),
             "seeds": list(SEEDS),
             "detector": DETECTOR,
             "filters": FILTERS,
@@ -186,19 +187,17 @@ class Shown:
 @cache
 def show(scenario: str) -> Shown:
     """The scene of a scenario. Raises `RunFailed` if none of the seeds has one."""
-    cache = sim_bridge.user_cache()
-    make = sim_bridge.simulate if cache is None else cache.simulate
     for seed in SEEDS:
         try:
-            trace = make(scenarios.load(scenario), seed)
+            trace = simulated(scenario, seed)
         except sim_bridge.SeedRefused:
             continue
-        detections = sim_bridge.detect(trace, DETECTOR, seed)
+        detections = detected(scenario, seed, DETECTOR)
         found = min(hidden_cars(trace, detections), key=lambda h: h.distance, default=None)
         if found is None:
             continue
         tracks = {name: Tracker(estimator(name), DETECTOR).run(detections) for name in FILTERS}
-        gaps = gap_of(found.object_id, found.gap)
+        gaps = Gaps.of([(found.object_id, *found.gap)])
         errors = [
             gap_errors(trace, own, gaps).with_columns(filter=pl.lit(name))
             for name, own in tracks.items()

@@ -17,9 +17,10 @@ import polars as pl
 from experiments.bench import filters, recordings, trackers
 from experiments.bench.measure import Block, Samples, measure
 from experiments.bench.plan import Plan
-from experiments.jobs import as_rows
+from experiments.jobs import Job, as_rows
 from experiments.studies import worlds
 from experiments.studies.scale import Scale
+from experiments.studies.seeds import detected
 
 STUDY = "speed"
 NAMES = worlds.ORDER_2
@@ -49,7 +50,7 @@ PLAN = Plan(shortest=0.005, reference=FEW, steps=30, updates=20_000)
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Job):
     """What is measured together: a part, with so many objects or of a detector."""
 
     part: str
@@ -144,7 +145,7 @@ def _tracker(number: int) -> Block:
 
 
 def _traffic(detector: str) -> Block:
-    return recordings.block(detector, [worlds.detected(name, 0, detector) for name in WORLDS])
+    return recordings.block(detector, [detected(name, 0, detector) for name in WORLDS])
 
 
 def _recorded(detector: str) -> Block:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import polars as pl
 
-from experiments.jobs import as_rows
+from experiments.jobs import Job, as_rows
 from experiments.studies.motions import Straight
 from experiments.studies.scale import Scale
 from experiments.studies.signals import onset, release, separation, signals
@@ -112,7 +112,7 @@ SWITCHES = (
 
 
 @dataclass(frozen=True)
-class Switched:
+class Switched(Job):
     """Some tracks of every motion."""
 
     batch: int

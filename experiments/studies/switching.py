@@ -11,17 +11,14 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import polars as pl
 
-import scenarios
-import sim_bridge
+from experiments.bins import around_gaps
 from experiments.drift import followed
-from experiments.jobs import ROWS, as_rows
 from experiments.occlusion import Gaps, OcclusionProtocol
-from experiments.phases import WINDOW
 from experiments.studies.scale import Scale
+from experiments.studies.seeds import SeedJob, of_traffic
 from experiments.studies.signals import separation, signals
-from experiments.studies.worlds import ORDER_2, ORDER_3, detected, simulated, traffic
+from experiments.studies.worlds import ORDER_2, ORDER_3
 from mdkf import DETECTORS, Detections, Estimator, Trace, estimator
 from mdkf.tables import CLUTTER, REGIMES, BoolArray, FloatArray, IntArray
 from sim_bridge.regimes import CONSTANT_VELOCITY
@@ -64,48 +61,26 @@ RECENT = 20
 
 
 @dataclass(frozen=True)
-class Followed:
+class Followed(SeedJob):
     """One seed of a scenario, each object followed by every filter."""
 
-    scenario: str
-    seed: int
-
     @property
-    def group(self) -> str:
-        """All jobs of one seed share its simulation."""
-        return f"{self.scenario}, seed {self.seed}"
+    def labels(self) -> Mapping[str, str]:
+        """The same for all."""
+        return {"study": STUDY, "detector": DETECTOR, "occlusion": OCCLUSION}
 
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
-        scenario = scenarios.load(self.scenario).identity()
-        return {"study": STUDY, "scenario": scenario, "seed": self.seed}
-
-    def rows(self) -> pl.DataFrame:
-        """None if the seed was refused. By bin: `REGIME, PHASE` and `turning, PHASE`, by the true
-        motion in that frame, `gap from END to END`, by that in a gap's first and last frame:
-        `error`, the mean distance from the true position [m]; `KIND as TOLD`: `confusion` [% of
-        KIND]; `all` and `recent`: `SIGNAL TASK`, the area under the curve."""
-        try:
-            trace = simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
+        """By bin: `REGIME, PHASE` and `turning, PHASE`, by the true motion in that frame, `gap from
+        END to END`, by that in a gap's first and last frame: `error`, the mean distance from the
+        true position [m]; `KIND as TOLD`: `confusion` [% of KIND]; `all` and `recent`: `SIGNAL
+        TASK`, the area under the curve."""
         protocol = OcclusionProtocol.parse(OCCLUSION)
-        seen = detected(self.scenario, self.seed, DETECTOR)
+        seen = self.detected(DETECTOR)
         occluded, gaps = protocol.apply(seen), protocol.gaps(seen)
         truth = truth_of(trace, occluded, gaps, protocol.length)
-        measured = [
-            {"filter": name, **one}
-            for name in FILTERS
-            for one in scored(trace, truth, occluded, gaps, estimator(name))
-        ]
-        return as_rows(
-            measured,
-            study=STUDY,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=DETECTOR,
-            occlusion=OCCLUSION,
-        )
+        for name in FILTERS:
+            for one in scored(trace, truth, occluded, gaps, estimator(name)):
+                yield {"filter": name, **one}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +96,7 @@ class Truth:
 
 def jobs(scale: Scale) -> list[Followed]:
     """Every scenario and seed of a scale."""
-    return [Followed(name, seed) for seed in range(scale.worlds) for name in traffic()]
+    return [Followed(*one) for one in of_traffic(scale.worlds)]
 
 
 def kinds(trace: Trace) -> IntArray:
@@ -231,12 +206,10 @@ def _phases(trace: Trace, occluded: Detections, gaps: Gaps, length: int) -> IntA
     a detection outside gaps, or past the protocol's frames of a gap."""
     stride = trace.n_frames
     own = trace.object_id * stride + trace.frame
-    found = np.where(np.isin(own, occluded.source * stride + occluded.frame), 0, -1)
-    for identifier, start, stop in zip(gaps.object_id, gaps.start, gaps.stop, strict=True):
-        rows = trace.rows_of(int(identifier))
-        frame = trace.frame[rows]
-        found[rows[(frame >= stop) & (frame < stop + WINDOW)]] = AFTER
-        found[rows[(frame >= start) & (frame < min(stop, start + length))]] = GAP
+    found = np.where(np.isin(own, occluded.source * stride + occluded.frame), IN_VIEW, -1)
+    place = around_gaps(trace, gaps)
+    found[place.phase == "after"] = AFTER
+    found[place.nth > 0] = np.where(place.nth[place.nth > 0] <= length, GAP, -1)
     return found
 
 

@@ -1,23 +1,20 @@
 """Simulated traffic into rows of scores: every scenario in which a simulator drives, with each
 detector and occlusion that an item asks for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import polars as pl
 
-import scenarios
-import sim_bridge
 from experiments.bins import EVERYTHING
-from experiments.drift import drift
-from experiments.jobs import ROWS, as_rows
-from experiments.occlusion import Gaps, OcclusionProtocol
+from experiments.drift import drift, with_drift
+from experiments.occlusion import OcclusionProtocol
 from experiments.score import score
 from experiments.studies.scale import Scale
+from experiments.studies.seeds import SeedJob, of_traffic
 from mdkf import DETECTORS, Detections, Estimator, Trace, Tracker, estimator
-from mdkf.tables import REGIMES
 
 STUDY = "worlds"
 
@@ -42,54 +39,31 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class World:
+class World(SeedJob):
     """One seed of a scenario, simulated, detected and occluded once, tracked by every filter."""
 
-    scenario: str
-    seed: int
     setting: Setting
 
     @property
-    def group(self) -> str:
-        """All settings of one seed share its simulation."""
-        return group(self.scenario, self.seed)
-
-    def key(self) -> Mapping[str, Any]:
-        """All that decides the rows."""
+    def labels(self) -> Mapping[str, str]:
+        """Of the setting."""
         own = self.setting
-        return {
-            "study": STUDY,
-            "scenario": identity(self.scenario),
-            "seed": self.seed,
-            "detector": own.detector,
-            "occlusion": own.occlusion,
-            "filters": own.filters,
-            "groups": own.groups,
-        }
+        return {"study": STUDY, "detector": own.detector, "occlusion": own.occlusion}
 
-    def rows(self) -> pl.DataFrame:
-        """The scores of `experiments.score` by name, `drift` [m], and the scores by bin; none if
-        the seed was refused. `drift` by bin: regime, as the gap begins, and second of the gap."""
-        try:
-            trace = simulated(self.scenario, self.seed)
-        except sim_bridge.SeedRefused:
-            return pl.DataFrame(schema=ROWS)
+    @property
+    def decisions(self) -> Mapping[str, Any]:
+        """Of the setting."""
+        return {"filters": self.setting.filters, "groups": self.setting.groups}
+
+    def measured(self, trace: Trace) -> Iterator[dict[str, Any]]:
+        """The scores of `experiments.score` by name, `drift` [m], and the scores by bin. `drift` by
+        bin: regime, as the gap begins, and frame of the gap."""
         profile = PROFILES.get(self.setting.detector, self.setting.detector)
         protocol = OcclusionProtocol.parse(self.setting.occlusion)
-        occluded = protocol.apply(detected(self.scenario, self.seed, profile))
-        measured = [
-            {"filter": name, **one}
-            for name in self.setting.filters
-            for one in self._scores(name, trace, occluded, protocol)
-        ]
-        return as_rows(
-            measured,
-            study=STUDY,
-            scenario=self.scenario,
-            seed=self.seed,
-            detector=self.setting.detector,
-            occlusion=self.setting.occlusion,
-        )
+        occluded = protocol.apply(self.detected(profile))
+        for name in self.setting.filters:
+            for one in self._scores(name, trace, occluded, protocol):
+                yield {"filter": name, **one}
 
     def _scores(
         self, name: str, trace: Trace, occluded: Detections, protocol: OcclusionProtocol
@@ -105,55 +79,13 @@ class World:
                 found.append(_row(one["bin"], one["score"], one["value"], one["n"]))
         if len(scores.gaps):
             alone = drift(trace, occluded, scores.gaps, _filter(name), settings)
-            found += drifts(trace, alone, scores.gaps, protocol.length)
+            found += drifts(scores.errors, alone, protocol.length)
         return found
 
 
 def jobs(scale: Scale, settings: Sequence[Setting]) -> list[World]:
-    """Every scenario and seed of a scale with each of the settings, seeds first: an interrupted run
-    has a few seeds of all scenarios."""
-    return [
-        World(name, seed, setting)
-        for seed in range(scale.worlds)
-        for name in traffic()
-        for setting in settings
-    ]
-
-
-def group(scenario: str, seed: int) -> str:
-    """Of all jobs that are done with one seed of a scenario."""
-    return f"{scenario}, seed {seed}"
-
-
-@cache
-def identity(scenario: str) -> str:
-    """All that decides a scenario, as text: a run of many jobs asks for it thousands of times."""
-    return scenarios.load(scenario).identity()
-
-
-@cache
-def traffic() -> tuple[str, ...]:
-    """The population: every scenario of the catalogue in which a simulator drives."""
-    known = (name for name in scenarios.list() if not name.startswith("kitti-"))
-    driven = ("sumo", "highway-env")
-    return tuple(name for name in known if scenarios.load(name).source in driven)
-
-
-_profile = cache(sim_bridge.load_profile)
-
-
-@lru_cache(maxsize=1)
-def simulated(scenario: str, seed: int) -> Trace:
-    """The trace of a scenario's seed; the last one asked for is kept. Raises `SeedRefused`."""
-    cache = sim_bridge.user_cache()
-    make = sim_bridge.simulate if cache is None else cache.simulate
-    return make(scenarios.load(scenario), seed)
-
-
-@lru_cache(maxsize=1)
-def detected(scenario: str, seed: int, profile: str) -> Detections:
-    """Its detections, by a profile's name; the last ones asked for are kept."""
-    return sim_bridge.detect(simulated(scenario, seed), _profile(profile), seed)
+    """Every scenario and seed of a scale with each of the settings."""
+    return [World(*one, setting) for one in of_traffic(scale.worlds) for setting in settings]
 
 
 @cache
@@ -162,32 +94,21 @@ def _filter(name: str) -> Estimator:
     return estimator(name)
 
 
-def drifts(trace: Trace, alone: pl.DataFrame, gaps: Gaps, length: int) -> list[dict[str, Any]]:
+def drifts(errors: pl.DataFrame, alone: pl.DataFrame, length: int) -> Iterator[dict[str, Any]]:
     """Mean drift in the first `length` frames of the gaps [m]: of all, by the true regime as the
-    gap begins, and by frame of the gap, counted from 1."""
-    pairs = list(zip(gaps.object_id.tolist(), gaps.start.tolist(), strict=True))
-    begun = pl.DataFrame(
-        {
-            "object_id": gaps.object_id,
-            "start": gaps.start,
-            "regime": [_regime(trace, *pair) for pair in pairs],
-        }
-    )
-    both = alone.join(begun, on="object_id").with_columns(nth=pl.col("frame") - pl.col("start") + 1)
-    own = both.filter(pl.col("nth").is_between(1, length))
+    gap begins, and by frame of the gap, counted from 1.
+
+    errors, alone: of `experiments.phases.gap_errors` and of `experiments.drift.drift`.
+    """
+    both = with_drift(errors, alone, length).filter(phase="gap").drop_nulls("drift")
+    regime = pl.col("regime").str.replace_all("_", " ")
+    own = both.with_columns(regime=regime, nth=pl.col("offset") + 1)
     parts = [(EVERYTHING, own)]
-    parts += [
-        (f"regime {name}", part) for (name,), part in own.group_by("regime", maintain_order=True)
-    ]
-    parts += [(f"frame {nth}", part) for (nth,), part in own.group_by("nth", maintain_order=True)]
-    return [_row(name, "drift", part["drift"].mean(), len(part)) for name, part in parts]
-
-
-def _regime(trace: Trace, object_id: int, frame: int) -> str | None:
-    """The object's true regime in a frame."""
-    rows = trace.rows_of(object_id)
-    at = rows[trace.frame[rows] == frame]
-    return REGIMES[trace.regime[at[0]]].replace("_", " ") if len(at) else None
+    for label, column in (("regime", "regime"), ("frame", "nth")):
+        for (name,), part in own.group_by(column, maintain_order=True):
+            parts.append((f"{label} {name}", part))
+    for name, part in parts:
+        yield _row(name, "drift", part["drift"].mean(), len(part))
 
 
 def _row(name: str, metric: str, value: Any, n: int) -> dict[str, Any]:

@@ -18,14 +18,14 @@ from polars.testing import assert_frame_equal
 
 from experiments import jobs
 from experiments.engine import RunFailed
-from experiments.jobs import ROWS, Store, as_rows, do
+from experiments.jobs import ROWS, Job, Store, as_rows, do
 from experiments.sources import deciding
 from experiments.studies import worlds
 from sim_bridge import SimulationError
 
 
 @dataclass(frozen=True)
-class Square:
+class Square(Job):
     """A job that leaves a mark each time it is done."""
 
     number: int

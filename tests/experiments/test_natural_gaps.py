@@ -13,7 +13,6 @@ from experiments.studies.natural import (
     measured,
     natural_gaps,
     populations,
-    rows_of,
     steady,
 )
 from mdkf import Detections, Trace, estimator
@@ -46,7 +45,7 @@ def scene(
 @pytest.mark.parametrize("hidden", [range(20, 29), range(20, 28), range(22, 27)])
 def test_it_is_from_the_last_detection_to_the_next(hidden: range) -> None:
     """Frames 20 to 27 without a detection, the car hidden in most of them, or in one more."""
-    assert rows_of(natural_gaps(*scene(hidden, range(20, 28)))) == [(7, 20, 28)]
+    assert natural_gaps(*scene(hidden, range(20, 28))).rows() == [(7, 20, 28)]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +66,7 @@ def test_anything_less_is_none(hidden: range, missed: Sequence[int]) -> None:
 
 def test_four_frames_after_ten_detections_are_enough() -> None:
     """The bounds themselves count."""
-    assert rows_of(natural_gaps(*scene(range(10, 14), range(10, 14)))) == [(7, 10, 14)]
+    assert natural_gaps(*scene(range(10, 14), range(10, 14))).rows() == [(7, 10, 14)]
 
 
 @pytest.mark.parametrize("other", [{"kind": "van"}, {"distance": 61.0}])
@@ -80,7 +79,7 @@ def test_a_car_leaves_when_it_drives_off_hidden_and_is_never_detected_again() ->
     """Its first second counts; one that stands has not left, one in view is missed."""
     driving = [5.0] * N
     gone = scene(range(40, 60), range(40, 60), speed=driving)
-    assert rows_of(leaving_gaps(*gone)) == [(7, 40, 50)]
+    assert leaving_gaps(*gone).rows() == [(7, 40, 50)]
     assert not leaving_gaps(*gone).reappear
     assert len(leaving_gaps(*scene(range(40, 60), range(40, 60)))) == 0
     assert len(leaving_gaps(*scene(range(40, 45), range(40, 60), speed=driving))) == 0
@@ -109,7 +108,7 @@ def test_populations_are_by_what_the_car_does(speed: list[float], expected: set[
     found = populations(trace, detections, gaps)
     assert {name for name, own in found.items() if own} == expected
     assert all(own in ([], [(7, 20, 45)]) for own in found.values())
-    assert rows_of(measured(gaps)) == [(7, 20, 40)]
+    assert measured(gaps).rows() == [(7, 20, 40)]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +137,7 @@ def test_mds_windows_are_formed_of_as_many() -> None:
 
 def test_a_short_gap_is_measured_whole() -> None:
     """Only what is longer than 20 frames is cut."""
-    assert rows_of(measured(gaps_of((1, 5, 9), (2, 5, 25), (3, 5, 26)))) == [
+    assert measured(gaps_of((1, 5, 9), (2, 5, 25), (3, 5, 26))).rows() == [
         (1, 5, 9),
         (2, 5, 25),
         (3, 5, 25),
@@ -153,7 +152,7 @@ def test_the_bus_hides_the_car_as_long_as_the_formula_says(speed: float, seed: i
     scenario = scenarios.load("passing_bus", bus_speed=speed)
     trace = sim_bridge.simulate(scenario, seed)
     detections = sim_bridge.detect(trace, "pointrcnn", seed)
-    ((car, start, stop),) = rows_of(natural_gaps(trace, detections))
+    ((car, start, stop),) = natural_gaps(trace, detections).rows()
     frames = trace.frame[trace.rows_of(car)[trace.visible[trace.rows_of(car)] == 0.0]]
     assert abs(len(frames) * trace.dt - whole) <= trace.dt
     assert set(frames.tolist()) <= set(range(start, stop))

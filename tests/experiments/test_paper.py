@@ -17,7 +17,7 @@ from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
 from experiments.paper.run import Results, run
 from experiments.paper.tables import told_value
-from experiments.studies import worlds
+from experiments.studies import seeds, worlds
 from experiments.studies.scale import QUICK, SCALES
 from experiments.studies.showcase import Scene
 from experiments.studies.worlds import Setting, World
@@ -194,7 +194,7 @@ def test_figures_are_files_with_their_data_beside(results: Results, out: Path) -
 
 def test_the_population_is_every_scenario_that_a_simulator_drives() -> None:
     """None left out, none twice; a scale has all of its seeds of all of them."""
-    names = worlds.traffic()
+    names = seeds.traffic()
     assert len(set(names)) == len(names) == 18
     full = worlds.jobs(SCALES["full"], [SETTING])
     assert len(full) >= 200
@@ -210,7 +210,7 @@ def test_a_refused_seed_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*given: object) -> None:
         raise SeedRefused("two boxes overlap")
 
-    monkeypatch.setattr("experiments.studies.worlds.simulated", refuse)
+    monkeypatch.setattr("experiments.studies.seeds.simulated", refuse)
     rows = WORLDS[0].rows()
     assert rows.is_empty()
     assert estimate(rows, WHERE).n == 0

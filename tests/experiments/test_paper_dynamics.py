@@ -27,7 +27,9 @@ SETTINGS = DETECTORS[DETECTOR]
 @pytest.fixture(scope="module")
 def rows() -> pl.DataFrame:
     """Of three journeys and of one small world."""
-    return pl.concat([study.Journeys(0, 3).rows(), study.Alone("small_roundabout", 0).rows()])
+    return pl.concat(
+        [study.Journey(0, 3, study.DETECTOR).rows(), study.Alone("small_roundabout", 0).rows()]
+    )
 
 
 def test_a_frame_counts_for_its_regime_after_a_second_of_detections() -> None:
@@ -60,7 +62,7 @@ def test_errors_of_a_journey_are_those_of_the_compiled_pass(rows: pl.DataFrame, 
 
 def test_a_journey_does_not_depend_on_those_beside_it(rows: pl.DataFrame) -> None:
     """Blocks are only for speed."""
-    alone = study.Journeys(1, 1).rows()
+    alone = study.Journey(1, 1, study.DETECTOR).rows()
     beside = rows.filter(study="journey", seed=1)
     assert alone.equals(beside)
 
@@ -123,7 +125,7 @@ def test_jobs_are_a_world_for_each_seed_and_all_journeys_once() -> None:
     """Blocks of journeys cover each seed exactly once, also where they do not fill the last."""
     for count in (1, 20, 47):
         jobs = dynamics.ITEMS[0].jobs(QUICK.with_seeds(count))
-        blocks = [job for job in jobs if isinstance(job, study.Journeys)]
+        blocks = [job for job in jobs if isinstance(job, study.Journey)]
         seeds = [k for job in blocks for k in range(job.first, job.first + job.seeds)]
         assert seeds == list(range(count))
         assert len({repr(job.key()) for job in jobs}) == len(jobs)

@@ -13,7 +13,7 @@ from experiments.jobs import ROWS
 from experiments.paper.item import Answer, again
 from experiments.paper.items import ITEMS
 from experiments.paper.scene_items import SCENES
-from experiments.studies.natural import natural_gaps, rows_of
+from experiments.studies.natural import natural_gaps
 from experiments.studies.scale import FULL, QUICK
 from experiments.studies.scenes import Scene, jobs
 from mdkf import DETECTORS, Detections, Trace, Tracker, estimator
@@ -36,7 +36,7 @@ def world(seed: int) -> tuple[Trace, Detections, tuple[int, int, int]]:
     """Truth, detections and the one gap of the hidden car."""
     trace = sim_bridge.simulate(scenarios.load(BUS), seed)
     detections = sim_bridge.detect(trace, "pointrcnn", seed)
-    (gap,) = rows_of(natural_gaps(trace, detections))
+    (gap,) = natural_gaps(trace, detections).rows()
     return trace, detections, gap
 
 

@@ -13,6 +13,7 @@ from experiments.paper.items import ITEMS
 from experiments.studies import switches
 from experiments.studies import switching as switching_worlds
 from experiments.studies.scale import QUICK
+from experiments.studies.seeds import detected, simulated
 from experiments.studies.switches import GAP, HISTORY, RESPONSE, Switched, delay
 from experiments.studies.switching import (
     KINDS,
@@ -24,7 +25,6 @@ from experiments.studies.switching import (
     scored,
     truth_of,
 )
-from experiments.studies.worlds import detected, simulated
 from mdkf import DETECTORS, Detections, Trace, estimator
 from mdkf.reference import filterpy_kalman
 from mdkf.tables import REGIMES, FloatArray
