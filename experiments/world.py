@@ -15,8 +15,17 @@ import polars as pl
 from experiments.drift import drift, with_drift
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
-from experiments.score import score
-from mdkf import DETECTORS, Detections, Tracker, TrackerSettings, Tracks, estimator
+from experiments.score import Scores, score
+from mdkf import (
+    DETECTORS,
+    Detections,
+    Estimator,
+    Trace,
+    Tracker,
+    TrackerSettings,
+    Tracks,
+    estimator,
+)
 from scenarios import Scenario
 from sim_bridge import SeedRefused, TraceCache, detect, simulate, write_table
 
@@ -58,12 +67,7 @@ class Outcome:
 
 
 def run_world(world: World) -> Outcome:
-    """Run one world. Every filter gets the same detections.
-
-    To the scores of each filter come `ms_per_frame`, the tracker's CPU time per frame [ms], and
-    `drift`, the filter's own mean error in the first `length` frames of the gaps [m]
-    (`experiments.drift`).
-    """
+    """Run one world. Every filter gets the same detections."""
     name, seed = world.scenario.name, world.seed
     try:
         make = simulate if world.cache is None else world.cache.simulate
@@ -78,29 +82,67 @@ def run_world(world: World) -> Outcome:
         write_table(detections, world.keep / "detections.parquet")
     rows, errors, bins = [], [], []
     for filter_name in world.filters:
-        tracks, milliseconds = timed_tracks(filter_name, world.settings, occluded)
-        scores = score(trace, tracks, world.occlusion, world.gap_truth)
-        alone = drift(
-            trace, occluded, scores.gaps, estimator(filter_name), DETECTORS[world.settings]
+        one = follow(
+            trace,
+            occluded,
+            estimator(filter_name),
+            DETECTORS[world.settings],
+            world.occlusion,
+            world.gap_truth,
         )
-        both = with_drift(scores.errors, alone, world.occlusion.length)
-        in_gap = both.filter(pl.col("phase") == "gap")["drift"].mean()
         which = {"scenario": name, "seed": seed, "filter": filter_name}
-        row = {**which, **scores.summary(), "drift": math.nan if in_gap is None else in_gap}
-        rows.append({**row, "ms_per_frame": milliseconds})
+        rows.append({**which, **one.summary()})
         labels = [pl.lit(value).alias(key) for key, value in which.items()]
-        errors.append(both.select(*labels, pl.all()))
-        bins.append(scores.by(*BREAKDOWNS).select(*labels, pl.all()))
+        errors.append(one.errors.select(*labels, pl.all()))
+        bins.append(one.scores.by(*BREAKDOWNS).select(*labels, pl.all()))
         if world.keep is not None:
-            write_table(tracks, world.keep / f"tracks-{filter_name}.parquet")
+            write_table(one.tracks, world.keep / f"tracks-{filter_name}.parquet")
     return Outcome(name, seed, rows, pl.concat(errors), pl.concat(bins))
 
 
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What one filter made of a world's detections.
+
+    errors: `experiments.phases.gap_errors` with the column `drift`, the filter's own error alone
+    [m] (`experiments.drift`), in the first `length` frames of the gaps. ms_per_frame: the
+    tracker's CPU time per frame [ms].
+    """
+
+    tracks: Tracks
+    scores: Scores
+    errors: pl.DataFrame
+    ms_per_frame: float
+
+    def summary(self) -> dict[str, float]:
+        """`Scores.summary`, the mean `drift` in the gaps [m], and `ms_per_frame`."""
+        in_gap = self.errors.filter(pl.col("phase") == "gap")["drift"].mean()
+        drifted = in_gap if isinstance(in_gap, float) else math.nan
+        return {**self.scores.summary(), "drift": drifted, "ms_per_frame": self.ms_per_frame}
+
+
+def follow(
+    trace: Trace,
+    occluded: Detections,
+    filter: Estimator,
+    settings: TrackerSettings,
+    occlusion: OcclusionProtocol,
+    gap_truth: GapTruth = "keep",
+) -> Followed:
+    """Track occluded detections with one filter, and score it against the trace."""
+    tracks, milliseconds = timed_tracks(filter, settings, occluded)
+    scores = score(trace, tracks, occlusion, gap_truth)
+    alone = drift(trace, occluded, scores.gaps, filter, settings)
+    return Followed(
+        tracks, scores, with_drift(scores.errors, alone, occlusion.length), milliseconds
+    )
+
+
 def timed_tracks(
-    filter_name: str, settings: str | TrackerSettings, detections: Detections
+    filter: Estimator, settings: TrackerSettings, detections: Detections
 ) -> tuple[Tracks, float]:
     """The tracks, and the tracker's CPU time per frame [ms] with its kernels already compiled."""
-    tracker = Tracker(estimator(filter_name), settings)
+    tracker = Tracker(filter, settings)
     tracker.run(replace(detections.between(0, 3), n_frames=3))
     began = time.thread_time()
     tracks = tracker.run(detections)

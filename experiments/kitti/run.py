@@ -204,7 +204,7 @@ def _tracked(
     """The tracks of every sequence, and the tracker's CPU time per frame of all [ms]."""
     tracks, total = [], 0.0
     for found in detections:
-        table, milliseconds = timed_tracks(name, settings, found)
+        table, milliseconds = timed_tracks(estimator(name), settings, found)
         tracks.append(table)
         total += milliseconds * found.n_frames
     return tracks, total / sum(found.n_frames for found in detections)
