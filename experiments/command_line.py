@@ -42,6 +42,8 @@ from experiments.options import (
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
+from experiments.sweeps.command import sweep
+from experiments.sweeps.sweep import SweepError
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
@@ -60,6 +62,7 @@ BAD_INPUT = (
     sim_bridge.SimulationError,
     sim_bridge.ProfileError,
     sim_bridge.KittiError,
+    SweepError,
     TableError,
 )
 INTERRUPTED = 130
@@ -275,6 +278,7 @@ app.command(
 app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
 app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
 app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
+app.command(epilog="Example: mdkf sweep lengths.yaml --out out --workers 2")(sweep)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 

@@ -22,7 +22,7 @@ import sim_bridge
 from experiments import engine
 from experiments.engine import RunFailed
 from experiments.sources import deciding
-from sim_bridge.parquet import write_frame
+from sim_bridge.parquet import read_frame, write_frame
 
 ROWS = {
     "study": pl.String,
@@ -76,12 +76,7 @@ class Store:
 
     def read(self, job: Job) -> pl.DataFrame | None:
         """The job's rows; None if there are none, or none that can be read."""
-        path = self.path(job)
-        try:
-            rows = pl.read_parquet(path, use_statistics=False)
-        except (OSError, pl.exceptions.PolarsError):
-            return None
-        return rows if dict(rows.schema) == ROWS else None
+        return read_frame(self.path(job), ROWS)
 
     def rows(self, jobs: Iterable[Job]) -> pl.DataFrame:
         """The rows of the finished ones of some jobs, in the order of the jobs."""

@@ -20,7 +20,7 @@ import sim_bridge
 _PACKAGE = Path(__file__).parent
 _ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
 _KINDS = (".py", ".yaml")
-_VERSIONS = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
+VERSIONS = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
 
 
 @cache
@@ -30,7 +30,7 @@ def deciding(module: Path) -> str:
     everything = (path for room in _ROOMS for path in room.rglob("*") if path.suffix in _KINDS)
     sources = sorted({*_imported(module), *everything})
     sums = {_name(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in sources}
-    versions = {package: version(package) for package in _VERSIONS}
+    versions = {package: version(package) for package in VERSIONS}
     machine = [platform.python_version(), platform.system(), platform.machine()]
     return json.dumps([sums, versions, machine], sort_keys=True)
 

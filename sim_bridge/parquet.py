@@ -57,10 +57,7 @@ def write_table(table: Table, path: str | Path) -> None:
         "provenance": dict(table.provenance),
         "diagnostics": list(getattr(table, "diagnostics", ())),
     }
-    metadata = {_KEY: json.dumps(header, sort_keys=True), f"{_KEY}.seal": _SEAL + _NO_DIGEST}
-    with replacing(Path(path)) as temporary:
-        _write_parquet(data, temporary, path, metadata)
-        temporary.write_bytes(_sealed(temporary.read_bytes()))
+    _write_sealed(data, Path(path), {_KEY: json.dumps(header, sort_keys=True)})
 
 
 def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
@@ -101,8 +98,21 @@ def read_any_table(path: str | Path) -> Table:
 
 def write_frame(data: pl.DataFrame, path: Path) -> None:
     """Write a polars frame as Parquet, whole or not at all; `OSError` names the file."""
-    with replacing(path) as temporary:
-        _write_parquet(data, temporary, path)
+    _write_sealed(data, path, {})
+
+
+def read_frame(
+    path: Path, schema: Mapping[str, pl.DataType | type[pl.DataType]]
+) -> pl.DataFrame | None:
+    """What `write_frame` wrote; None where there is no file, a damaged one, or something else."""
+    try:
+        content = path.read_bytes()
+        if content != _sealed(content):
+            return None
+        data = pl.read_parquet(content, use_statistics=False)
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
+        return None
+    return data if dict(data.schema) == dict(schema) else None
 
 
 @contextlib.contextmanager
@@ -126,18 +136,23 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         # mkstemp makes files that only their owner reads; results are for sharing.
         temporary.chmod(0o666 & ~_umask())
+        # Without these, a loss of power may leave the name with nothing, or half, behind it.
+        _to_disk(temporary)
         temporary.replace(path)
+        _to_disk(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _write_parquet(
-    data: pl.DataFrame, temporary: Path, path: str | Path, metadata: dict[str, str] | None = None
-) -> None:
-    try:
-        data.write_parquet(temporary, metadata=metadata)
-    except pl.exceptions.PolarsError as error:
-        raise OSError(errno.EIO, f"cannot be written: {_one_line(error)}", str(path)) from error
+def _write_sealed(data: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
+    """Write a frame with a seal, whole or not at all."""
+    with replacing(path) as temporary:
+        try:
+            data.write_parquet(temporary, metadata={**metadata, f"{_KEY}.seal": _SEAL + _NO_DIGEST})
+        except pl.exceptions.PolarsError as error:
+            told = f"cannot be written: {_one_line(error)}"
+            raise OSError(errno.EIO, told, str(path)) from error
+        temporary.write_bytes(_sealed(temporary.read_bytes()))
 
 
 def _sealed(content: bytes) -> bytes:
@@ -149,6 +164,14 @@ def _sealed(content: bytes) -> bytes:
     digest = hashlib.sha256(before)
     digest.update(after)
     return b"".join([before, seal, digest.hexdigest().encode(), after])
+
+
+def _to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _umask() -> int:

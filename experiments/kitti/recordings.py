@@ -1,7 +1,9 @@
 """What recorded sequences and recorded detections there are, read once for all filters."""
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -153,3 +155,16 @@ def simulated_detections(
         found = detect(recording.trace, profile, seed)
         made.append(found.take(np.asarray(recording.camera.boxes(found).row)))
     return tuple(made)
+
+
+@cache
+def contents(folder: Path) -> str:
+    """SHA-256 of the names and contents of the recordings with a folder of detections."""
+    root = kitti_root()
+    digest = hashlib.sha256()
+    parts = (root / "label_02", root / "calib", root / "pose", folder)
+    files = [path for part in parts for path in sorted(part.glob("*"))]
+    for path in [*files, *sorted(path for path in root.iterdir() if path.is_file())]:
+        content = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest.update(f"{path.relative_to(root).as_posix()} {content}\n".encode())
+    return digest.hexdigest()

@@ -19,9 +19,9 @@ from experiments.alone import SETTLED, by_object, distance, run_lengths, steps
 from experiments.bins import EVERYTHING
 from experiments.estimates import RECORDED
 from experiments.jobs import Job, as_rows
-from experiments.kitti.recordings import folders_there, sequences_in
+from experiments.kitti.recordings import contents, folders_there, sequences_in
 from experiments.studies.journeys import JourneyJob, Journeys
-from experiments.studies.recorded import SPLIT, contents
+from experiments.studies.recorded import SPLIT
 from experiments.studies.seeds import SeedJob
 from mdkf import DETECTORS, Detections, MotionDynamics, Trace
 from mdkf.motion_dynamics import Denoise

@@ -5,7 +5,6 @@ Scenario `val` is all sequences together, `val-SSSS` all but sequence SSSS (for 
 `experiments.estimates`); there are no seeds.
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +18,7 @@ from experiments.jobs import Job, as_rows
 from experiments.kitti.recordings import (
     DetectorFolder,
     Recording,
+    contents,
     folders_there,
     read_recordings,
     recorded_detections,
@@ -94,16 +94,3 @@ def jobs(detectors: Sequence[str], occlusions: Sequence[str] = ("none",)) -> lis
 @cache
 def _recordings(root: Path) -> tuple[Recording, ...]:
     return read_recordings(root, sequences_in(root, SPLIT))
-
-
-@cache
-def contents(folder: Path) -> str:
-    """SHA-256 of the names and contents of the recordings with a folder of detections."""
-    root = kitti_root()
-    digest = hashlib.sha256()
-    parts = (root / "label_02", root / "calib", root / "pose", folder)
-    files = [path for part in parts for path in sorted(part.glob("*"))]
-    for path in [*files, *sorted(path for path in root.iterdir() if path.is_file())]:
-        content = hashlib.sha256(path.read_bytes()).hexdigest()
-        digest.update(f"{path.relative_to(root).as_posix()} {content}\n".encode())
-    return digest.hexdigest()

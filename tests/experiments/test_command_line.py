@@ -27,7 +27,18 @@ from tests.experiments.commands import (
 )
 
 COMMANDS = (
-    *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
+    *(
+        "run",
+        "scenarios",
+        "cache",
+        "simulate",
+        "detect",
+        "track",
+        "score",
+        "paper",
+        "bench",
+        "sweep",
+    ),
     *("fit-detector", "check-detector", "kitti", "export"),
 )
 KEYS = {

@@ -1,0 +1,54 @@
+"""A sweep's tasks on a cluster: the workers of a running Dask scheduler.
+
+Where it runs (SSH, SLURM, Kubernetes) is Dask's business: all that is needed is its address. Rows
+come back through the scheduler; the workers need this package in the same place, not the folder of
+results.
+"""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
+
+from experiments import engine
+from experiments.engine import RunFailed
+from experiments.sweeps import task
+from experiments.sweeps.progress import Progress
+from experiments.sweeps.task import Rows, Task
+
+TIMEOUT = 10
+"""How long a scheduler may take to answer [s]."""
+
+AHEAD = 2
+"""Tasks with the cluster for each of its threads: one that runs, one that waits."""
+
+
+def on_cluster(address: str, tasks: Sequence[Task], progress: Progress) -> Iterator[Rows]:
+    """The rows of tasks as they come. The runs of a task have failed when more of the workers that
+    did it died than the scheduler allows (`distributed.scheduler.allowed-failures`).
+
+    Raises `RunFailed` without Dask, without an answer from the scheduler, and when it is lost.
+    """
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise RunFailed("--dask needs Dask: install mdkf[cluster]") from None
+    try:
+        client = Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        told = " ".join(str(error).split())
+        raise RunFailed(f"no Dask scheduler answers at {address}: {told}") from None
+    with client:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise RunFailed(f"the Dask scheduler at {address} has no workers")
+        progress.workers = threads
+        try:
+            yield from engine.on_executor(
+                task.do,
+                tasks,
+                client.get_executor(),
+                AHEAD * threads,
+                (KilledWorker,),
+                task.died,
+            )
+        except CancelledError:
+            raise RunFailed(f"the Dask scheduler at {address} is gone") from None

@@ -1,0 +1,151 @@
+"""A sweep's YAML file into a `Sweep`.
+
+    scenarios:                       # names, files, or names with parameters; lists are crossed
+      - bus_stop
+      - {name: stop_and_go, parameters: {speed: [8, 11, 14], traffic: 0.3}}
+    seeds: 20                        # so many from 0, or a list
+    detectors: [pointrcnn]
+    occlusions: [none, "mid:20", {kind: mid, length: [5, 10, 20, 40], warmup: 35}]
+    filters: [ca, imm, md, {name: md, as: md-wide, options: {window: 20}}]
+    tracker: {gate: [3, 4]}          # rules in place of the detector's own
+    gap_truth: keep
+
+An option whose value is a list is crossed over it; one that is a list itself stands in another.
+Files of scenarios and detectors are relative to the sweep's own.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from experiments.occlusion import Kind, OcclusionProtocol
+from experiments.sweeps.sweep import SEEDS, Filter, Rules, Sweep, SweepError, crossed
+from scenarios import Scenario
+from scenarios.settings import Settings, read_settings
+
+MAX_RUNS = 1_000_000
+"""More runs than a million are taken for a mistake."""
+
+_Text = Annotated[str, Field(pattern=r"^[^\r\n]+$", max_length=300)]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.+-]*$", max_length=60)]
+_Key = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
+_Number = int | float
+_Value = bool | int | float | str | None
+_Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class ScenarioEntry(Settings):
+    """One entry under `scenarios`: a name or file, and parameters, each a number or a list."""
+
+    name: _Text
+    parameters: dict[_Key, _Number | list[_Number]] = Field(default_factory=dict)
+
+
+class FilterEntry(Settings):
+    """One entry under `filters`: a name, options, and another name for the results."""
+
+    name: _Text
+    called: _Name | None = Field(default=None, alias="as")
+    options: dict[_Key, _Value | list[_Value | list[_Value]]] = Field(default_factory=dict)
+
+
+class OcclusionEntry(Settings):
+    """One entry under `occlusions`: the fields of `OcclusionProtocol`, each a value or a list."""
+
+    model_config = ConfigDict(extra="allow")
+
+    kind: Kind | list[Kind]
+
+    @model_validator(mode="after")
+    def _known(self) -> "OcclusionEntry":
+        known = [f.name for f in fields(OcclusionProtocol)]
+        for name, value in (self.model_extra or {}).items():
+            if name not in known:
+                raise ValueError(f"unknown key {name}; expected one of: {', '.join(known)}")
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, bool) or not isinstance(one, int):
+                    raise ValueError(f"{name}: expected a count of frames, or a list of them")
+        return self
+
+
+class SweepFile(Settings):
+    """A sweep's file."""
+
+    scenarios: Annotated[list[_Text | ScenarioEntry], Field(min_length=1)]
+    filters: Annotated[list[_Text | FilterEntry], Field(min_length=1)]
+    seeds: Annotated[int, Field(ge=1)] | list[_Seed] = SEEDS
+    detectors: Annotated[list[_Text], Field(min_length=1)] = Field(default=["pointrcnn"])
+    occlusions: Annotated[list[_Text | OcclusionEntry], Field(min_length=1)] = Field(
+        default=["mid:20"]
+    )
+    tracker: dict[_Key, _Value | list[_Value]] = Field(default_factory=dict)
+    gap_truth: Literal["keep", "ignore"] = "keep"
+
+
+def read_sweep(path: Path) -> Sweep:
+    """The sweep of a YAML file.
+
+    Raises `SweepError`, one line with the file and the key, for a file that says something else
+    than it may, and for more than `MAX_RUNS` runs.
+    """
+    given = read_settings(path, lambda document: SweepFile, SweepError)
+    seeds = range(given.seeds) if isinstance(given.seeds, int) else given.seeds
+    folder = path.resolve().parent
+    try:
+        loaded = tuple(one for entry in given.scenarios for one in _scenarios(entry, folder))
+        filters = tuple(one for entry in given.filters for one in _filters(entry))
+        protocols = tuple(one for entry in given.occlusions for one in _protocols(entry))
+        rules = tuple(Rules(one) for one in _crossed(given.tracker))
+        runs = len(loaded) * len(seeds) * len(filters) * len(given.detectors)
+        runs *= len(protocols) * len(rules)
+        if runs > MAX_RUNS:
+            raise SweepError(f"{runs} runs, expected at most {MAX_RUNS}")
+        detectors = tuple(_beside(name, folder) for name in given.detectors)
+        return Sweep(loaded, filters, tuple(seeds), detectors, protocols, rules, given.gap_truth)
+    except ValueError as error:
+        raise SweepError(f"{path}: {error}") from None
+
+
+def _scenarios(entry: str | ScenarioEntry, folder: Path) -> tuple[Scenario, ...]:
+    if isinstance(entry, str):
+        return crossed(_beside(entry, folder))
+    return crossed(_beside(entry.name, folder), **entry.parameters)
+
+
+def _beside(name: str, folder: Path) -> str:
+    """A name as it is; a file beside the sweep's by its path."""
+    path = folder / name
+    return str(path) if path.suffix and path.is_file() else name
+
+
+def _filters(entry: str | FilterEntry) -> Iterator[Filter]:
+    if isinstance(entry, str):
+        yield Filter.of(entry)
+        return
+    every = [Filter.of(entry.name, **options) for options in _crossed(entry.options)]
+    for one in every:
+        if entry.called is None:
+            yield one
+        else:
+            # The options that tell crossed ones apart stay with the name.
+            rest = one.name.removeprefix(entry.name) if len(every) > 1 else ""
+            yield Filter(entry.called + rest, one.estimator)
+
+
+def _protocols(entry: str | OcclusionEntry) -> Iterator[OcclusionProtocol]:
+    if isinstance(entry, str):
+        yield OcclusionProtocol.parse(entry)
+        return
+    for options in _crossed({"kind": entry.kind, **(entry.model_extra or {})}):
+        yield OcclusionProtocol(**options)
+
+
+def _crossed(options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Every choice of one value for each option; a list is what to choose from."""
+    choices = [value if isinstance(value, list) else [value] for value in options.values()]
+    for row in product(*choices):
+        yield dict(zip(options, row, strict=True))

@@ -1,0 +1,167 @@
+"""A sweep into a folder of results: what is missing is done, and kept as it comes.
+
+Files in the folder: `runs/` and `growth/` (`experiments.sweeps.dataset`), `manifest.json`
+(`experiments.sweeps.manifest`), and of all that is there when it ends `summary.parquet` and
+`differences.parquet` (`experiments.sweeps.summary`).
+"""
+
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import polars as pl
+
+from experiments import engine
+from experiments.sweeps import manifest, task
+from experiments.sweeps.cluster import on_cluster
+from experiments.sweeps.dataset import KINDS, Dataset
+from experiments.sweeps.progress import Progress
+from experiments.sweeps.summary import differences, summarise
+from experiments.sweeps.sweep import Setup, Sweep
+from experiments.sweeps.task import Rows, Task
+from experiments.warm_up import compile_sensing, compile_tracking
+from mdkf import ESTIMATORS
+from scenarios import KittiScenario, Scenario
+from sim_bridge import TraceCache, is_recorded, user_cache
+from sim_bridge.parquet import write_frame
+
+
+@dataclass(frozen=True)
+class SweepResults:
+    """The results of a sweep, as far as they are there, and what they say.
+
+    runs, growth: its rows (`RUNS`, `GROWN` of `experiments.sweeps.task`). summary: means over
+    seeds; differences: of the first filter from the others, paired. progress: what was done.
+    """
+
+    runs: pl.LazyFrame
+    growth: pl.LazyFrame
+    summary: pl.DataFrame
+    differences: pl.DataFrame
+    progress: Progress
+
+
+def run_sweep(
+    sweep: Sweep,
+    out: str | Path,
+    workers: int | None = None,
+    dask: str | None = None,
+    *,
+    retry: bool = False,
+    fresh: bool = False,
+    first: bool = False,
+    cached: bool = True,
+    command: Sequence[str] = tuple(sys.argv),
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> SweepResults:
+    """Do what of a sweep is not in the folder `out` yet.
+
+    workers: processes, the machine's cores if None, 1 for this one. dask: address of a scheduler
+    whose workers do it instead. retry: runs that failed are done again. fresh: what is there is
+    deleted. first: only the first world of each scenario is done. cached: whether simulated worlds
+    are kept in the user's cache. watch: called after each task.
+
+    Raises `SweepError` where somebody else writes to the folder, or where its results are of other
+    sources; `RunFailed` if the cluster cannot be reached or is lost. On Ctrl-C and then, what is
+    done is kept, and the same call goes on from there.
+    """
+    out = Path(out)
+    dataset = Dataset(out)
+    with dataset.locked():
+        if fresh:
+            for kind in ("runs", "growth"):
+                shutil.rmtree(out / kind, ignore_errors=True)
+            (out / manifest.NAME).unlink(missing_ok=True)
+        manifest.check(out)
+        found, damaged = dataset.finished(retry)
+        cache = user_cache() if cached else None
+        everything = _tasks(sweep, cache)
+        missing = [one for each in everything if (one := _missing(each, found)) is not None]
+        progress = _progress(everything, missing, damaged, workers or engine.cores())
+        if first:
+            missing = _firsts(missing)
+        told = manifest.begin(out, sweep, command, dask or str(workers or engine.cores()))
+        watch(progress)
+        state = "interrupted"
+        try:
+            for rows in _outcomes(missing, workers, dask, progress):
+                dataset.add(rows)
+                progress.add(rows)
+                watch(progress)
+            state = "finished" if progress.there == progress.total else "incomplete"
+        finally:
+            own = pl.LazyFrame(
+                {"run": [each.run(one) for each in everything for one in each.setups]}
+            )
+            results = _ended(sweep, dataset, own, progress)
+            status = results.runs.collect()["status"].value_counts().iter_rows()
+            manifest.end(out, told, state, dict(status), dataset.files())
+    return results
+
+
+def _tasks(sweep: Sweep, cache: TraceCache | None) -> list[Task]:
+    """One for each world, with all of its runs."""
+    setups = sweep.setups()
+    simulated = tuple(setup for setup in setups if not is_recorded(setup.detector))
+    made_by = task.sources()
+
+    def own(scenario: Scenario, seed: int) -> tuple[Setup, ...]:
+        # No seed changes what was recorded.
+        recorded_again = isinstance(scenario, KittiScenario) and seed != sweep.seeds[0]
+        return simulated if recorded_again else setups
+
+    worlds = sweep.worlds()
+    return [Task(*world, own(*world), made_by, cache) for world in worlds if own(*world)]
+
+
+def _missing(whole: Task, found: set[str]) -> Task | None:
+    """What of a task is to be done; None if it is all there."""
+    if not found:
+        return whole
+    setups = tuple(setup for setup in whole.setups if whole.run(setup) not in found)
+    return Task(whole.scenario, whole.seed, setups, whole.sources, whole.cache) if setups else None
+
+
+def _firsts(missing: Sequence[Task]) -> list[Task]:
+    """The first task of each scenario."""
+    chosen: dict[str, Task] = {}
+    for one in missing:
+        chosen.setdefault(one.scenario.name, one)
+    return list(chosen.values())
+
+
+def _progress(
+    everything: Sequence[Task], missing: Sequence[Task], damaged: int, workers: int
+) -> Progress:
+    runs, left = Counter[str](), Counter[str]()
+    for counter, tasks in ((runs, everything), (left, missing)):
+        for one in tasks:
+            counter[one.scenario.name] += len(one.setups)
+    done = {name: number - left[name] for name, number in runs.items()}
+    return Progress(runs, done, sum(done.values()), damaged, workers)
+
+
+def _outcomes(
+    missing: Sequence[Task], workers: int | None, dask: str | None, progress: Progress
+) -> Iterator[Rows]:
+    if dask is not None:
+        yield from on_cluster(dask, missing, progress)
+        return
+    filters = {setup.filter.name for one in missing for setup in one.setups}
+    known = sorted(name for name in filters if name in ESTIMATORS)
+    # The first run on a machine compiles the kernels: each of two workers a half.
+    warm_up = (compile_sensing, partial(compile_tracking, known)) if missing else ()
+    yield from engine.outcomes(task.do, missing, workers, warm_up, dead=task.died)
+
+
+def _ended(sweep: Sweep, dataset: Dataset, own: pl.LazyFrame, progress: Progress) -> SweepResults:
+    """The results of all that is there of a sweep's own runs, written beside them."""
+    runs, growth = (dataset.rows(kind).join(own, on="run", how="semi") for kind in KINDS)
+    found = summarise(runs, sweep), differences(runs, sweep)
+    for name, frame in zip(("summary", "differences"), found, strict=True):
+        write_frame(frame, dataset.folder / f"{name}.parquet")
+    return SweepResults(runs, growth, *found, progress)
