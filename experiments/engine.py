@@ -48,15 +48,14 @@ def outcomes(
     if workers == 1:
         yield from map(work, inputs)
         return
-    waiting = iter(inputs)
-    suspects: list[Input] = []
+    waiting, suspects = iter(inputs), list[Input]()
     while not (yield from _on_processes(work, waiting, workers, warm_up, suspects)):
         if dead is None:
             raise RunFailed(DIED)
-        # All that was under way is done again, one at a time: now who dies is to blame.
-        for suspect in suspects:
-            if not (yield from _on_processes(work, iter([suspect]), 1, (), [])):
-                yield dead(suspect)
+        # All that was under way is done again, one at a time: now who is under way is to blame.
+        again, blamed = iter(suspects), list[Input]()
+        while not (yield from _on_processes(work, again, 1, (), blamed)):
+            yield dead(blamed.pop())
         suspects.clear()
 
 

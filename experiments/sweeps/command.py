@@ -66,7 +66,7 @@ def sweep(
         raise typer.BadParameter("give --workers or --dask, not both")
     chosen = read_sweep(file)
     console = Console(stderr=True)
-    console.print(_size(chosen), highlight=False, markup=False)
+    console.print(_size(chosen), highlight=False, markup=False, soft_wrap=True)
     with _shown(console) as watch:
         try:
             results = run_sweep(
@@ -83,10 +83,10 @@ def sweep(
             )
         except (KeyboardInterrupt, RunFailed):
             told = f"what was done is kept in {out}: the same command goes on from there"
-            console.print(told, highlight=False, markup=False)
+            console.print(told, highlight=False, markup=False, soft_wrap=True)
             raise
     for line in _told(results, preview):
-        console.print(line, highlight=False, markup=False)
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     if as_json:
         print(json.dumps(_document(results, out), allow_nan=False))
         return

@@ -60,9 +60,11 @@ class Dataset:
             self._write(runs, "runs", scenario, name)
 
     def finished(self, retry: bool = False) -> tuple[set[str], int]:
-        """The runs that are there, and how many damaged files there were; these are deleted. With
-        `retry` so are the runs that failed."""
+        """The runs that are there, and how many damaged files there were; these are deleted, as is
+        what a writer that was killed left behind. With `retry` so are the runs that failed."""
         found, damaged = set[str](), 0
+        for left in self.folder.glob("*/*/.*.part"):
+            left.unlink()
         for path in sorted(self.folder.glob("runs/*/*.parquet")):
             runs = read_frame(path, RUNS)
             beside = self.folder / "growth" / path.parent.name / path.name
@@ -75,6 +77,9 @@ class Dataset:
             # The runs' file first: growth alone is nothing.
             path.unlink()
             beside.unlink(missing_ok=True)
+        for path in self._of("growth"):
+            if not (self.folder / "runs" / path.parent.name / path.name).exists():
+                path.unlink()
         return found, damaged
 
     def files(self) -> dict[str, str]:

@@ -15,12 +15,12 @@ Files of scenarios and detectors are relative to the sweep's own.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from experiments.occlusion import Kind, OcclusionProtocol
 from experiments.sweeps.sweep import SEEDS, Filter, Rules, Sweep, SweepError, crossed
@@ -33,16 +33,30 @@ MAX_RUNS = 1_000_000
 _Text = Annotated[str, Field(pattern=r"^[^\r\n]+$", max_length=300)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.+-]*$", max_length=60)]
 _Key = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
-_Number = int | float
-_Value = bool | int | float | str | None
 _Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def _listed(value: Any) -> Any:
+    """One value is a list of one."""
+    return value if isinstance(value, list) else [value]
+
+
+_Choices = Annotated[list[Any], BeforeValidator(_listed)]
+"""What an option is crossed over; the filter, or the tracker, says what it takes."""
 
 
 class ScenarioEntry(Settings):
     """One entry under `scenarios`: a name or file, and parameters, each a number or a list."""
 
     name: _Text
-    parameters: dict[_Key, _Number | list[_Number]] = Field(default_factory=dict)
+    parameters: dict[_Key, Annotated[list[float], BeforeValidator(_listed)]] = Field(
+        default_factory=dict
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, given: Any) -> Any:
+        return {"name": given} if isinstance(given, str) else given
 
 
 class FilterEntry(Settings):
@@ -50,7 +64,12 @@ class FilterEntry(Settings):
 
     name: _Text
     called: _Name | None = Field(default=None, alias="as")
-    options: dict[_Key, _Value | list[_Value | list[_Value]]] = Field(default_factory=dict)
+    options: dict[_Key, _Choices] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, given: Any) -> Any:
+        return {"name": given} if isinstance(given, str) else given
 
 
 class OcclusionEntry(Settings):
@@ -58,7 +77,12 @@ class OcclusionEntry(Settings):
 
     model_config = ConfigDict(extra="allow")
 
-    kind: Kind | list[Kind]
+    kind: Annotated[list[Kind], BeforeValidator(_listed)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _text(cls, given: Any) -> Any:
+        return asdict(OcclusionProtocol.parse(given)) if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _known(self) -> "OcclusionEntry":
@@ -66,8 +90,8 @@ class OcclusionEntry(Settings):
         for name, value in (self.model_extra or {}).items():
             if name not in known:
                 raise ValueError(f"unknown key {name}; expected one of: {', '.join(known)}")
-            for one in value if isinstance(value, list) else [value]:
-                if isinstance(one, bool) or not isinstance(one, int):
+            for one in _listed(value):
+                if isinstance(one, bool) or not isinstance(one, int | None):
                     raise ValueError(f"{name}: expected a count of frames, or a list of them")
         return self
 
@@ -75,14 +99,14 @@ class OcclusionEntry(Settings):
 class SweepFile(Settings):
     """A sweep's file."""
 
-    scenarios: Annotated[list[_Text | ScenarioEntry], Field(min_length=1)]
-    filters: Annotated[list[_Text | FilterEntry], Field(min_length=1)]
+    scenarios: Annotated[list[ScenarioEntry], Field(min_length=1)]
+    filters: Annotated[list[FilterEntry], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1)] | list[_Seed] = SEEDS
     detectors: Annotated[list[_Text], Field(min_length=1)] = Field(default=["pointrcnn"])
-    occlusions: Annotated[list[_Text | OcclusionEntry], Field(min_length=1)] = Field(
-        default=["mid:20"]
+    occlusions: Annotated[list[OcclusionEntry], Field(min_length=1)] = Field(
+        default=["mid:20"], validate_default=True
     )
-    tracker: dict[_Key, _Value | list[_Value]] = Field(default_factory=dict)
+    tracker: dict[_Key, _Choices] = Field(default_factory=dict)
     gap_truth: Literal["keep", "ignore"] = "keep"
 
 
@@ -110,9 +134,7 @@ def read_sweep(path: Path) -> Sweep:
         raise SweepError(f"{path}: {error}") from None
 
 
-def _scenarios(entry: str | ScenarioEntry, folder: Path) -> tuple[Scenario, ...]:
-    if isinstance(entry, str):
-        return crossed(_beside(entry, folder))
+def _scenarios(entry: ScenarioEntry, folder: Path) -> tuple[Scenario, ...]:
     return crossed(_beside(entry.name, folder), **entry.parameters)
 
 
@@ -122,10 +144,7 @@ def _beside(name: str, folder: Path) -> str:
     return str(path) if path.suffix and path.is_file() else name
 
 
-def _filters(entry: str | FilterEntry) -> Iterator[Filter]:
-    if isinstance(entry, str):
-        yield Filter.of(entry)
-        return
+def _filters(entry: FilterEntry) -> Iterator[Filter]:
     every = [Filter.of(entry.name, **options) for options in _crossed(entry.options)]
     for one in every:
         if entry.called is None:
@@ -136,16 +155,12 @@ def _filters(entry: str | FilterEntry) -> Iterator[Filter]:
             yield Filter(entry.called + rest, one.estimator)
 
 
-def _protocols(entry: str | OcclusionEntry) -> Iterator[OcclusionProtocol]:
-    if isinstance(entry, str):
-        yield OcclusionProtocol.parse(entry)
-        return
+def _protocols(entry: OcclusionEntry) -> Iterator[OcclusionProtocol]:
     for options in _crossed({"kind": entry.kind, **(entry.model_extra or {})}):
         yield OcclusionProtocol(**options)
 
 
 def _crossed(options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Every choice of one value for each option; a list is what to choose from."""
-    choices = [value if isinstance(value, list) else [value] for value in options.values()]
-    for row in product(*choices):
+    """Every choice of one value for each option."""
+    for row in product(*map(_listed, options.values())):
         yield dict(zip(options, row, strict=True))
