@@ -42,6 +42,7 @@ from experiments.options import (
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
+from experiments.sources import VERSIONS
 from experiments.sweeps.command import sweep
 from experiments.sweeps.sweep import SweepError
 from experiments.worlds.cache_command import show_cache
@@ -120,7 +121,7 @@ def _mdkf(
     ] = False,
 ) -> None:
     if show_version:
-        for package in ("mdkf", "libsumo", "highway-env", "numpy", "numba"):
+        for package in ("mdkf", *VERSIONS):
             print(package, version(package))
     elif context.invoked_subcommand is None:
         print(context.get_help())

@@ -21,6 +21,7 @@ _PACKAGE = Path(__file__).parent
 _ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
 _KINDS = (".py", ".yaml")
 VERSIONS = ("libsumo", "highway-env", "gymnasium", "numpy", "scipy", "numba", "filterpy")
+"""Packages that decide numbers: simulators, and what they and the filters are computed with."""
 
 
 @cache

@@ -13,6 +13,7 @@ from experiments.bench import (
     sensing,
     simulation,
     start_up,
+    sweeps,
     trackers,
 )
 from experiments.bench.measure import Block, Case, Clock, measure
@@ -39,6 +40,8 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         sensing.WHAT: Part(sensing.blocks),
         simulation.WHAT: Part(simulation.blocks, simulation.cpu_time, processes=True),
         start_up.WHAT: Part(start_up.blocks, start_up.children, processes=True),
+        sweeps.WHAT: Part(sweeps.blocks, simulation.cpu_time, processes=True),
+        sweeps.SCALING: Part(sweeps.scaling, time.perf_counter, processes=True),
     }
 )
 

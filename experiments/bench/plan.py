@@ -17,6 +17,7 @@ class Plan:
     crowds: numbers of objects whose tracks are scored; scored: frames of each.
     boxes: in view of the sensor.
     simulated: of dense traffic, for a trace [s].
+    seeds: of each scenario of a sweep.
     """
 
     rounds: int = 7
@@ -33,7 +34,8 @@ class Plan:
     scored: int = 1000
     boxes: int = 200
     simulated: float = 60.0
+    seeds: int = 25
 
 
-QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50, scored=200)
+QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50, scored=200, seeds=3)
 """A look at all sizes in some seconds."""

@@ -79,7 +79,7 @@ def run_sweep(
         manifest.check(out)
         found, damaged = dataset.finished(retry)
         cache = user_cache() if cached else None
-        everything = _tasks(sweep, cache)
+        everything = tasks_of(sweep, cache)
         missing = [one for each in everything if (one := _missing(each, found)) is not None]
         progress = _progress(everything, missing, damaged, workers or engine.cores())
         if first:
@@ -103,7 +103,7 @@ def run_sweep(
     return results
 
 
-def _tasks(sweep: Sweep, cache: TraceCache | None) -> list[Task]:
+def tasks_of(sweep: Sweep, cache: TraceCache | None) -> list[Task]:
     """One for each world, with all of its runs."""
     setups = sweep.setups()
     simulated = tuple(setup for setup in setups if not is_recorded(setup.detector))

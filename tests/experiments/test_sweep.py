@@ -276,7 +276,7 @@ def test_what_decides_a_run_is_in_its_address(tmp_path: Path) -> None:
     }
     addresses = {}
     for name, own in variants.items():
-        (first, *_) = run_module._tasks(own, None)
+        (first, *_) = run_module.tasks_of(own, None)
         addresses[name] = first.run(first.setups[1])
         assert replace(first, sources="others").run(first.setups[1]) != addresses[name]
     # The same profile in another file, of the same name, is the same detector.
