@@ -1,56 +1,121 @@
-"""Claim: what the README tells a reader to type works as printed there."""
+"""Claim: what the README files tell a reader to type works as printed there."""
 
+import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+import typer
 
-README = Path(__file__).parents[1] / "README.md"
+from experiments.command_line import app
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted(
+    path.relative_to(ROOT).as_posix()
+    for folder in (".", "mdkf", "scenarios", "sim_bridge", "experiments", "experiments/*")
+    for path in ROOT.glob(f"{folder}/README.md")
+)
+INSTALLS = ("make ", "pip install")
+"""What a test cannot do to the machine that it runs on; `make test` runs the tests."""
+
+FILE = re.compile(r"# (\S+\.\w+)\n")
+"""The first line of a block that is a file, to be saved under that name."""
 
 
-def blocks(language: str) -> list[str]:
-    """The fenced code blocks of a language."""
-    return re.findall(rf"```{language}\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+class Block(NamedTuple):
+    """A fenced block: its language, what is in it, and whether it needs KITTI's recordings."""
+
+    language: str
+    text: str
+    recorded: bool
 
 
-@pytest.mark.parametrize("example", blocks("python"), ids=lambda code: code.strip().split("\n")[-1])
-def test_the_python_examples_run(tmp_path: Path, example: str) -> None:
-    """Each in a fresh interpreter, from another folder; the one that scores prints the scores."""
-    ran = subprocess.run(
-        [sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=False
+def blocks(document: str) -> Iterator[Block]:
+    """All fenced blocks of a document, in order."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    for found in re.finditer(r"(<!-- recorded -->\n+)?```(\w+)\n(.*?)```", text, re.DOTALL):
+        yield Block(found[2], found[3], found[1] is not None)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_everything_that_is_printed_runs(document: str, tmp_path: Path) -> None:
+    """All blocks of a document in order, in one empty folder: files are saved, Python and commands
+    are run as they stand there, each line of commands in the shell that a reader has."""
+    for block in blocks(document):
+        name = FILE.match(block.text)
+        if name is not None:
+            (tmp_path / name[1]).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            run([sys.executable, "-c", block.text], tmp_path)
+        elif block.language == "sh" and not (block.recorded and "MDKF_KITTI" not in os.environ):
+            lines = [line for line in block.text.splitlines() if not line.startswith(INSTALLS)]
+            if lines:
+                run(["bash", "-euc", "\n".join(lines)], tmp_path)
+
+
+def run(command: list[str], folder: Path) -> None:
+    """Run a command, and end what it left running."""
+    scripts = Path(sys.executable).parent
+    process = subprocess.Popen(
+        command,
+        cwd=folder,
+        env={**os.environ, "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE if "&\n" not in command[-1] else subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
     )
-    assert ran.returncode == 0, ran.stderr
-    assert "'hota': " in ran.stdout or "experiments.score" not in example
+    try:
+        _, told = process.communicate(timeout=600)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 0, f"{command[-1]}\n{told}"
 
 
-def test_the_steps_run_from_file_to_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Every `mdkf` line of the step-by-step block, in order, in an empty folder."""
-    from experiments.command_line import main
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_command_that_is_named_is_one(document: str) -> None:
+    """In running text as in blocks: the command exists, and so do its options."""
+    group = typer.main.get_command(app)
+    text = (ROOT / document).read_text(encoding="utf-8")
+    inline = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    lines = [
+        line
+        for block in blocks(document)
+        if block.language == "sh"
+        for line in block.text.replace("\\\n", " ").splitlines()
+    ]
+    for line in (*inline, *lines):
+        for found in re.finditer(r"(?:^|\s)mdkf ([a-z-]+)(.*)", line.partition("#")[0]):
+            commands = group.commands  # type: ignore[attr-defined]
+            assert found[1] in commands, line
+            options = {name for p in commands[found[1]].params for name in p.opts}
+            named = {word.partition("=")[0] for word in found[2].split() if word.startswith("--")}
+            assert named - {"--help"} <= options, line
 
-    (steps,) = (block for block in blocks("sh") if "mdkf simulate" in block)
-    monkeypatch.chdir(tmp_path)
-    for line in steps.strip().splitlines():
-        monkeypatch.setattr(sys, "argv", shlex.split(line))
-        with pytest.raises(SystemExit) as stop:
-            main()
-        assert stop.value.code == 0, (line, capsys.readouterr().err)
-    assert "hota" in capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "trace.parquet",
-        "seen.parquet",
-        "tracks.parquet",
-    }
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_link_leads_somewhere(document: str) -> None:
+    """Files and pictures of this tree, by their relative names."""
+    text = re.sub(r"```.*?```", "", (ROOT / document).read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)\)", text):
+        if not target.startswith("https://"):
+            assert ((ROOT / document).parent / target).exists(), target
 
 
-def test_every_command_in_the_readme_exists() -> None:
-    """Names after `mdkf` in code are commands of the program."""
-    from experiments.command_line import app
-
-    known = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
-    text = "\n".join(re.findall(r"`([^`\n]+)`", README.read_text(encoding="utf-8")))
-    assert set(re.findall(r"\bmdkf ([a-z-]+)", text + "\n".join(blocks("sh")))) <= known
+def test_the_makefile_has_the_two_commands() -> None:
+    """`make demo` sets everything up and runs the main job, `make test` runs the tests."""
+    (commands,) = (b.text for b in blocks("README.md") if b.text.startswith("make demo"))
+    for line in commands.splitlines():
+        target = shlex.split(line, comments=True)
+        dry = subprocess.run(
+            [*target, "--dry-run"], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout
+        assert {"demo": "mdkf run", "test": "pytest"}[target[1]] in dry

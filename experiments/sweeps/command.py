@@ -202,12 +202,11 @@ def _print(results: SweepResults, out: Path) -> None:
     if not summary.is_empty():
         shown.print(terminal.results_table(summary.head(MAX_ROWS), intervals=wide))
     pairs = _labelled(results.differences)
-    shown_metrics = list(terminal.DIFFERENCES)
-    pairs = pairs.filter(pl.col("metric").is_in(shown_metrics))
-    if not pairs.is_empty():
-        first = pairs.sort("label", "against", maintain_order=True)
-        shown.print(terminal.difference_table(first.head(MAX_PAIRS * len(shown_metrics)), wide))
-    more = max(len(summary) - MAX_ROWS, 0) + max(len(pairs) // len(shown_metrics) - MAX_PAIRS, 0)
+    keys = pairs.select("scenario", "against").unique(maintain_order=True)
+    first = pairs.join(keys.head(MAX_PAIRS), on=["scenario", "against"], how="semi")
+    if not first.is_empty():
+        shown.print(terminal.difference_table(first, wide))
+    more = max(len(summary) - MAX_ROWS, 0) + max(len(keys) - MAX_PAIRS, 0)
     if more:
         print(f"{more} more rows are in {out / 'summary.parquet'} and differences.parquet")
     print(f"runs: {out / 'runs'}, of which the manifest is {out / 'manifest.json'}")

@@ -37,6 +37,23 @@ def test_it_prints_what_the_files_hold(mdkf_command: Mdkf, file: Path, tmp_path:
     )
 
 
+def test_a_table_too_long_for_a_terminal_is_cut(
+    mdkf_command: Mdkf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At a whole row, saying how many more there are."""
+    monkeypatch.setattr("experiments.sweeps.command.MAX_ROWS", 5)
+    monkeypatch.setattr("experiments.sweeps.command.MAX_PAIRS", 2)
+    path = tmp_path / "sweep.yaml"
+    path.write_text(
+        "scenarios: [stationary]\nseeds: 2\ndetectors: [pointrcnn, second]\n"
+        "tracker: {gate: [3, 4]}\nfilters: [ca, md]\n"
+    )
+    answer = mdkf_command("sweep", path, "--out", tmp_path / "out", "--workers", 1)
+    assert answer.status == 0
+    assert answer.out.count("ca − md") == 2
+    assert "5 more rows are in" in answer.out
+
+
 def test_a_preview_does_one_world_of_each_scenario(
     mdkf_command: Mdkf, file: Path, tmp_path: Path
 ) -> None:
