@@ -9,9 +9,10 @@ import pytest
 from experiments import score
 from experiments.bins import around_gaps
 from experiments.drift import drift, with_drift
+from experiments.figures import gap_figure, mean_drift_figure
 from experiments.kitti.gaps import gap_rows
 from experiments.phases import WINDOW, gap_errors
-from mdkf import Trace, Tracks, estimator
+from mdkf import Detections, Trace, Tracks, estimator
 from tests.experiments.test_drift import SETTINGS, by_filterpy, scene
 from tests.tables import gaps_of, trace_of, tracks_of
 
@@ -78,6 +79,31 @@ def test_a_row_of_recorded_gaps_counts_gaps_and_not_objects() -> None:
     )
     (row,) = gap_rows(errors)
     assert (row["gaps"], row["followed"], row["deleted"], row["lost"]) == (2, 2, 50.0, 50.0)
+
+
+def test_a_picture_of_mean_drift_counts_gaps_and_not_objects() -> None:
+    """Of one object and seed, two."""
+    errors = gap_errors(trace(), tracks(), GAPS).with_columns(
+        scenario=pl.lit("road"), seed=pl.lit(0), filter=pl.lit("ca"), drift=pl.lit(0.1)
+    )
+    figure = mean_drift_figure(errors, ["ca"], 10, 0.1)
+    assert figure is not None
+    assert figure.axes[0].get_title() == "road: 2 gaps"
+
+
+def test_a_picture_of_one_gap_shows_what_was_removed_for_another() -> None:
+    """Frames 36 to 45 are hidden too, and drawn hollow beside the ten of the first gap."""
+    truth = trace()
+    names = ("frame", "x", "y", "z", "yaw", "length", "width", "height")
+    columns = {name: getattr(truth, name) for name in names}
+    columns |= {"source": truth.object_id, "score": np.ones(N)}
+    everything = Detections.from_columns(columns, n_frames=N, dt=0.1)
+    seen = everything.take(~GAPS.covers(everything.source, everything.frame))
+    errors = gap_errors(truth, tracks(), GAPS).with_columns(filter=pl.lit("ca"))
+    own = errors.filter(gap_start=FIRST[0])
+    figure = gap_figure(truth, everything, seen, {"ca": tracks()}, own, (3, *FIRST))
+    drawn = {part.get_label(): len(part.get_offsets()) for part in figure.axes[0].collections}
+    assert drawn == {"detections": 60 - 20, "removed detections": 20}
 
 
 def test_a_phase_is_that_of_the_gap_that_has_just_ended() -> None:
