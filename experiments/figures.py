@@ -76,14 +76,16 @@ def gap_figure(
 
 
 def mean_drift_figure(
-    errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float
+    errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float, natural: bool = False
 ) -> Figure | None:
     """Mean drift over time around all gaps of exactly `length` frames, one panel a scenario.
 
-    The band is the 95 % interval over seeds of the seeds' means. None without such a gap.
+    natural: before and in all gaps, each as long as it lasts, up to `length` frames. The band is
+    the 95 % interval over seeds of the seeds' means. None without such a gap.
     """
     of_length = pl.col("gap_stop") - pl.col("gap_start") == length
-    exact = errors.filter(of_length & pl.col("drift").is_not_null())
+    shown = pl.col("phase") != "after" if natural else of_length
+    exact = errors.filter(shown & pl.col("drift").is_not_null())
     if exact.is_empty():
         return None
     scenarios = exact["scenario"].unique(maintain_order=True).to_list()

@@ -49,7 +49,9 @@ DT = 0.1
 def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
     """Write `report.html` into `out` and return its path; needs no network to be read."""
     drawn = drawn_filters(plan.filters)
-    mean_figure = figures.mean_drift_figure(results.errors, drawn, plan.occlusion.length, DT)
+    natural = plan.occlusion.kind == "natural"
+    length = plan.occlusion.length
+    mean_figure = figures.mean_drift_figure(results.errors, drawn, length, DT, natural)
     path = out / NAME
     write_page(
         "report.html.j2",

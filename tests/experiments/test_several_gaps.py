@@ -91,6 +91,23 @@ def test_a_picture_of_mean_drift_counts_gaps_and_not_objects() -> None:
     assert figure.axes[0].get_title() == "road: 2 gaps"
 
 
+def test_natural_gaps_are_pictured_as_long_as_each_lasts() -> None:
+    """One of 10 frames and one of 4: both to the fourth frame, one from there on, none after."""
+    gaps = gaps_of((3, 20, 30), (3, 50, 54))
+    errors = gap_errors(trace(), tracks(), gaps)
+    grown = 0.1 * (pl.col("offset") + 1) * (1 + 2 * (pl.col("gap_start") == 50))
+    errors = errors.with_columns(
+        scenario=pl.lit("road"), seed=pl.lit(0), filter=pl.lit("ca"), drift=grown
+    )
+    figure = mean_drift_figure(errors, ["ca"], 20, 0.1, natural=True)
+    assert figure is not None
+    (line,) = figure.axes[0].get_lines()
+    seconds, means = (np.asarray(values) for values in (line.get_xdata(), line.get_ydata()))
+    nth = np.arange(1, 11)
+    np.testing.assert_allclose(seconds[seconds > -0.05], 0.1 * (nth - 1))
+    np.testing.assert_allclose(means[seconds > -0.05], 0.1 * nth * np.where(nth <= 4, 2, 1))
+
+
 def test_a_picture_of_one_gap_shows_what_was_removed_for_another() -> None:
     """Frames 36 to 45 are hidden too, and drawn hollow beside the ten of the first gap."""
     truth = trace()
