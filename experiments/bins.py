@@ -105,13 +105,15 @@ class Around(NamedTuple):
 
 
 def around_gaps(trace: Trace, gaps: Gaps) -> Around:
-    """Where in the gaps, and around them, every truth row is."""
+    """Where in the gaps, and around them, every truth row is: between two gaps of an object after
+    the first one, if it has just ended, rather than before the second."""
     around = Around(np.full(len(trace), "", dtype="<U6"), np.zeros(len(trace), dtype=np.int64))
     for identifier, start, stop in gaps.rows():
         rows = trace.rows_of(identifier)
         frame = trace.frame[rows]
         end = stop + WINDOW if gaps.reappear else stop
-        around.phase[rows[(frame >= start - WINDOW) & (frame < start)]] = "before"
+        before = rows[(frame >= start - WINDOW) & (frame < start)]
+        around.phase[before[around.phase[before] != "after"]] = "before"
         around.phase[rows[(frame >= stop) & (frame < end)]] = "after"
         own = rows[(frame >= start) & (frame < stop)]
         around.nth[own] = trace.frame[own] - start + 1

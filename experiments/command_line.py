@@ -29,6 +29,7 @@ from experiments.detectors.command import check_detector, fit_detector
 from experiments.engine import RunFailed
 from experiments.kitti.command import export, kitti
 from experiments.options import (
+    OCCLUSIONS,
     GapTruth,
     Json,
     NoCache,
@@ -78,7 +79,7 @@ Setting = Annotated[
 ]
 Occlusion = Annotated[
     str,
-    typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
+    typer.Option(help=f"{OCCLUSIONS}; or none."),
 ]
 Detector = Annotated[
     str,
@@ -224,8 +225,9 @@ def detect(
 ) -> None:
     """Detect a trace's objects; optionally hide some by the occlusion protocol."""
     protocol = chosen_occlusion(occlusion)
-    detections = sim_bridge.detect(sim_bridge.read_table(trace, Trace), detector, seed)
-    _write(detections if protocol.kind == "none" else protocol.apply(detections), out)
+    truth = sim_bridge.read_table(trace, Trace)
+    detections = sim_bridge.detect(truth, detector, seed)
+    _write(detections if protocol.kind == "none" else protocol.apply(detections, truth), out)
 
 
 @app.command(

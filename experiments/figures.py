@@ -51,17 +51,19 @@ def as_svg(figure: Figure) -> str:
 def gap_figure(
     trace: Trace,
     detections: Detections,
+    occluded: Detections,
     tracks: Mapping[str, Tracks],
     errors: pl.DataFrame,
     gap: tuple[int, int, int],
 ) -> Figure:
     """One gap (object, first frame, first frame after it): from above, and error over time.
 
-    errors: rows of `gap_errors` of this gap with a column `filter`.
+    detections, occluded: before and after those in the gaps were removed. errors: rows
+    of `gap_errors` of this gap with a column `filter`.
     """
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     above, over_time = figure.subplots(1, 2, width_ratios=(1.35, 1))
-    _draw_above(above, trace, detections, tracks, errors, gap)
+    _draw_above(above, trace, detections, occluded, tracks, errors, gap)
     _, start, stop = gap
     for name, colour in colours(list(tracks)).items():
         own = errors.filter(pl.col("filter") == name).sort("frame")
@@ -74,14 +76,16 @@ def gap_figure(
 
 
 def mean_drift_figure(
-    errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float
+    errors: pl.DataFrame, filters: Sequence[str], length: int, dt: float, natural: bool = False
 ) -> Figure | None:
     """Mean drift over time around all gaps of exactly `length` frames, one panel a scenario.
 
-    The band is the 95 % interval over seeds of the seeds' means. None without such a gap.
+    natural: before and in all gaps, each as long as it lasts, up to `length` frames. The band is
+    the 95 % interval over seeds of the seeds' means. None without such a gap.
     """
     of_length = pl.col("gap_stop") - pl.col("gap_start") == length
-    exact = errors.filter(of_length & pl.col("drift").is_not_null())
+    shown = pl.col("phase") != "after" if natural else of_length
+    exact = errors.filter(shown & pl.col("drift").is_not_null())
     if exact.is_empty():
         return None
     scenarios = exact["scenario"].unique(maintain_order=True).to_list()
@@ -89,7 +93,7 @@ def mean_drift_figure(
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for axes, scenario in zip(panels, scenarios, strict=True):
         own = exact.filter(scenario=scenario)
-        n_gaps = own.select("seed", "object_id").n_unique()
+        n_gaps = own.select("seed", "object_id", "gap_start").n_unique()
         for name, colour in colours(filters).items():
             by_seed = (
                 own.filter(filter=name)
@@ -122,18 +126,18 @@ def footprint(x: float, y: float, yaw: float, length: float, width: float) -> Fl
 
 
 def _finish_time_axis(axes: Axes, gap_seconds: float) -> None:
-    axes.axvspan(0, gap_seconds, color="#888888", alpha=0.15, linewidth=0)
-    top = axes.get_ylim()[1]
-    axes.set_ylim(0, top)
-    axes.text(
-        gap_seconds / 2,
-        0.985,
-        "no detections",
-        transform=axes.get_xaxis_transform(),
-        ha="center",
-        va="top",
-        fontsize=8,
-    )
+    axes.set_ylim(0, axes.get_ylim()[1])
+    if gap_seconds > 0:
+        axes.axvspan(0, gap_seconds, color="#888888", alpha=0.15, linewidth=0)
+        axes.text(
+            gap_seconds / 2,
+            0.985,
+            "no detections",
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="top",
+            fontsize=8,
+        )
     axes.set_xlabel("time since the gap began [s]")
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
@@ -143,6 +147,7 @@ def _draw_above(
     axes: Axes,
     trace: Trace,
     detections: Detections,
+    occluded: Detections,
     tracks: Mapping[str, Tracks],
     errors: pl.DataFrame,
     gap: tuple[int, int, int],
@@ -156,7 +161,7 @@ def _draw_above(
     axes.plot(trace.x[own], trace.y[own], color="black", linewidth=1.2, label="truth")
     seen = detections.rows_of(object_id)
     seen = seen[np.isin(detections.frame[seen], shown)]
-    removed = (detections.frame[seen] >= start) & (detections.frame[seen] < stop)
+    removed = ~np.isin(detections.frame[seen], occluded.frame[occluded.rows_of(object_id)])
     style = {"s": 14, "linewidths": 0.8, "zorder": 3}
     x, y = detections.x[seen], detections.y[seen]
     axes.scatter(x[~removed], y[~removed], color="#444444", label="detections", **style)  # type: ignore[arg-type]

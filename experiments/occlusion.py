@@ -1,141 +1,178 @@
-"""The paper's occlusion protocol: remove consecutive detections of objects, keep the truth.
+"""The occlusion protocol: remove consecutive detections of objects, keep the truth.
 
 Paper, section "Simulated Occlusion Scenarios": an object is eligible when its n detections
 satisfy n >= s_occ + l_occ; l_occ consecutive ones are removed after at least s_occ were observed,
 from the middle of its trajectory (`mid`: it reappears) or from the end (`late`: it does not).
+
+Beside the paper: gaps that begin at a given time from a true switch of motion (`switch`), several
+gaps of one object, and the occlusions that are there by nature (`natural`), of which nothing has to
+be removed.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from mdkf.tables import CLUTTER, BoolArray, Detections, IntArray, TableError, Tracks
+from experiments.gaps import Gap, Gaps
+from experiments.natural import natural_occlusions
+from experiments.regime_switches import regime_switches
+from mdkf.tables import CLUTTER, Detections, IntArray, TableError, Trace, Tracks
 
-Kind = Literal["mid", "late", "none"]
+__all__ = ["Gap", "Gaps", "Kind", "OcclusionProtocol", "recorded_gaps"]
+
+Kind = Literal["mid", "late", "switch", "natural", "none"]
 
 WARMUP = 35
 """s_occ of the paper: detections before a gap."""
 
 PROVENANCE_KEY = "occlusion"
 
-Gap = tuple[int, int, int]
-"""Object, first frame, first frame after it."""
+FORM = "KIND:LENGTH[:WARMUP][:gaps=N][:start=N]"
+"""Of a protocol as text."""
 
-
-@dataclass(frozen=True, eq=False)
-class Gaps:
-    """Where detections were removed, all (n,): object_id, and the frames start..stop-1 in which
-    the object has none. A natural miss at its edge belongs to the gap. `reappear`: whether the
-    objects are detected again afterwards (mid) or never (late)."""
-
-    object_id: IntArray
-    start: IntArray
-    stop: IntArray
-    reappear: bool = True
-
-    @classmethod
-    def of(cls, rows: Sequence[Gap], reappear: bool = True) -> "Gaps":
-        """Gaps of rows."""
-        columns = np.array(rows, dtype=np.int64).reshape(-1, 3).T
-        return cls(columns[0], columns[1], columns[2], reappear)
-
-    def rows(self) -> list[Gap]:
-        """One for each gap."""
-        columns = (self.object_id, self.start, self.stop)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
-
-    def __len__(self) -> int:
-        return len(self.object_id)
-
-    def covers(self, object_id: IntArray, frame: IntArray) -> BoolArray:
-        """Whether each (object, frame) lies in a gap."""
-        inside = np.zeros(len(frame), dtype=np.bool_)
-        rows = np.flatnonzero(np.isin(object_id, self.object_id))
-        owner, when = object_id[rows], frame[rows]
-        for identifier, start, stop in self.rows():
-            inside[rows[(owner == identifier) & (when >= start) & (when < stop)]] = True
-        return inside
+_TEXT = re.compile(r"(\w+)((?::-?\d{1,9}){0,2})((?::\w+=-?\d{1,9})*)")
+_NAMED = {"gaps": "n_gaps", "start": "start"}
+"""Settings that follow the numbers in the text, by their names there."""
 
 
 @dataclass(frozen=True)
 class OcclusionProtocol:
     """Which detections to remove.
 
-    kind: `mid`, `late` or `none`. length: l_occ, detections removed from each eligible object.
-    warmup: s_occ, detections that come before.
+    kind: `mid`, `late`, `switch`, `natural` or `none`. length: l_occ, detections removed for each
+    gap; with 0 the gaps are empty, nothing is removed, and errors are measured all the same: the
+    beginning of a curve over lengths. warmup: s_occ, detections that come before, since the
+    beginning or the gap before. start: of `switch`, frames from a switch to the first frame of the
+    gap, negative before it. n_gaps: of `mid` and `switch`, the gaps of one object, as many of them
+    as fit.
+
+    Of `natural`, which takes every occlusion that is there, length is the frames of each that are
+    measured, and warmup counts from the beginning.
+
+    Raises `ValueError` for settings that the kind does not have, and impossible ones.
     """
 
     kind: Kind = "mid"
     length: int = 20
     warmup: int = WARMUP
+    start: int = 0
+    n_gaps: int = 1
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise ValueError(f"occlusion {self.kind!r}, expected one of {get_args(Kind)}")
-        if self.length < 1 or self.warmup < 1:
+        least = 1 if self.kind == "natural" else 0
+        if self.length < least or self.warmup < 1 or self.n_gaps < 1:
             raise ValueError(
-                f"occlusion of {self.length} after {self.warmup} detections, expected counts > 0"
+                f"{self.kind} occlusion, {self.n_gaps} of {self.length} after {self.warmup}"
+                f" detections, expected a length from {least} and other counts from 1 on"
+            )
+        if self.start != 0 and self.kind != "switch":
+            raise ValueError(f"{self.kind} occlusion with a start, expected it of switch alone")
+        if self.n_gaps > 1 and self.kind not in ("mid", "switch"):
+            raise ValueError(
+                f"{self.kind} occlusion with gaps, expected it of mid and switch alone"
             )
 
     @classmethod
     def parse(cls, text: str) -> "OcclusionProtocol":
-        """From `mid:20`, `late:10`, `mid:20:35` (with the warm-up) or `none`."""
-        kind, *numbers = text.split(":")
+        """From `mid:20`, `late:10`, `mid:20:35` (with the warm-up), `mid:20:35:gaps=3`,
+        `switch:20:start=-5`, `natural:20:10` or `none`."""
         try:
-            if len(numbers) > 2 or (kind == "none" and numbers):
-                raise ValueError
-            return cls(kind, *(int(number) for number in numbers))  # type: ignore[arg-type]
-        except ValueError:
+            return cls(**_settings(text))
+        except ValueError as error:
             raise ValueError(
-                f"occlusion {text!r}, expected KIND:LENGTH[:WARMUP], such as mid:20, late:10:35,"
-                " or none"
+                f"occlusion {text!r}, expected {FORM}, such as mid:20, late:10:35,"
+                f" switch:20:start=-5, natural:20, or none: {error}"
             ) from None
 
     def __str__(self) -> str:
-        return "none" if self.kind == "none" else f"{self.kind}:{self.length}:{self.warmup}"
+        if self.kind == "none":
+            return "none"
+        named = "".join(
+            f":{name}={getattr(self, field)}"
+            for name, field in _NAMED.items()
+            if getattr(self, field) != getattr(type(self), field)
+        )
+        return f"{self.kind}:{self.length}:{self.warmup}{named}"
 
-    def gaps(self, detections: Detections) -> Gaps:
-        """One gap for every eligible object, by object.
+    def gaps(self, detections: Detections, trace: Trace | None = None) -> Gaps:
+        """The gaps of all eligible objects, by object and frame.
 
         `mid` takes, of all places that leave `warmup` detections before and one after, the one
-        nearest to the middle; where the frames allow it, one without a natural miss, so that the
-        gap is exactly `length` frames long.
+        nearest to the middle, and of several gaps those nearest to where they would part the
+        detections evenly; where the frames allow it, one without a natural miss, so that the gap is
+        exactly `length` frames long. `switch` takes of these places alone those whose gap begins in
+        the frame that is `start` frames from a switch (`experiments.regime_switches`).
+
+        trace: that the detections are of; `switch` and `natural` need it. Raises `ValueError`
+        without it, and `TableError` where it knows no switches.
         """
+        if self.kind == "none":
+            return Gaps.of([])
+        if self.kind == "natural":
+            known = self._of(trace)
+            road_users = np.unique(known.object_id[known.road_users()])
+            return natural_occlusions(known, detections, road_users, self.warmup)
+        begins = regime_switches(self._of(trace)) if self.kind == "switch" else {}
         found: list[Gap] = []
-        for identifier in detections.ids() if self.kind != "none" else []:
+        for identifier in detections.ids().tolist():
             if identifier == CLUTTER:
                 continue
-            frames = detections.frame[detections.rows_of(int(identifier))]
-            first = self._first_removed(frames)
-            if first is not None:
+            frames = detections.frame[detections.rows_of(identifier)]
+            for first in self._first_removed(frames, begins.get(identifier)):
                 last = first + self.length - 1
-                reappears = frames[last + 1] if self.kind == "mid" else frames[last] + 1
-                found.append((int(identifier), int(frames[first - 1]) + 1, int(reappears)))
-        return Gaps.of(found, reappear=self.kind == "mid")
+                reappears = frames[last] + 1 if self.kind == "late" else frames[last + 1]
+                found.append((identifier, int(frames[first - 1]) + 1, int(reappears)))
+        return Gaps.of(found, reappear=self.kind != "late")
 
-    def _first_removed(self, frames: IntArray) -> int | None:
-        """Index of the first detection to remove, None if the object is not eligible."""
+    def _of(self, trace: Trace | None) -> Trace:
+        if trace is None:
+            raise ValueError(f"occlusion {self}: expected the trace of the detections")
+        return trace
+
+    def _first_removed(self, frames: IntArray, switches: IntArray | None) -> list[int]:
+        """Index of the first detection to remove, for each gap of an object.
+
+        frames (n,): of its detections; switches: first frames of its new regimes, None without.
+        """
         spare = len(frames) - self.length
         if self.kind == "late":
-            return spare if spare >= self.warmup else None
-        if spare < self.warmup + 1:
-            return None
+            return [spare] if spare >= self.warmup else []
+        if spare <= self.warmup:
+            return []
         places = np.arange(self.warmup, spare)
-        span = frames[places + self.length] - frames[places - 1]
-        unbroken = span == self.length + 1
-        if unbroken.any():
-            places = places[unbroken]
-        return int(places[np.argmin(np.abs(places - spare // 2))])
+        if self.kind == "switch":
+            known = np.empty(0, dtype=np.int64) if switches is None else switches
+            places = places[np.isin(frames[places - 1] + 1 - self.start, known)]
+        bounds: list[int] = []  # the last place of each gap that leaves room for those after it
+        left = places
+        while len(left) and len(bounds) < self.n_gaps:
+            bounds.insert(0, int(left[-1]))
+            left = left[left <= bounds[0] - self.length - self.warmup]
+        unbroken = frames[places + self.length] - frames[places - 1] == self.length + 1
+        seen = len(frames) - len(bounds) * self.length
+        found: list[int] = []
+        for k, bound in enumerate(bounds):
+            earliest = found[-1] + self.length + self.warmup if found else self.warmup
+            free = (places >= earliest) & (places <= bound)
+            if (free & unbroken).any():
+                free &= unbroken
+            even = k * self.length + (k + 1) * seen // (len(bounds) + 1)
+            found.append(int(places[free][np.argmin(np.abs(places[free] - even))]))
+        return found
 
-    def apply(self, detections: Detections) -> Detections:
+    def apply(self, detections: Detections, trace: Trace | None = None) -> Detections:
         """The detections without those in the gaps; all others keep every number.
 
         The gaps are written into the provenance, from where they travel to tracks and scores.
+        Raises as `gaps` does.
         """
-        gaps = self.gaps(detections)
+        gaps = self.gaps(detections, trace)
         kept = detections.take(~gaps.covers(detections.source, detections.frame))
         described = {
             "protocol": str(self),
@@ -155,6 +192,23 @@ def recorded_gaps(tracks: Tracks, expected: OcclusionProtocol | None = None) -> 
     if expected is not None and str(expected) != protocol:
         raise TableError(f"the tracks come from occlusion {protocol}, expected {expected}")
     return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not protocol.startswith("late"))
+
+
+def _settings(text: str) -> dict[str, Any]:
+    """Of a protocol's text; raises `ValueError` with what is wrong with it."""
+    parts = _TEXT.fullmatch(text)
+    if parts is None:
+        raise ValueError("not of that form")
+    kind, numbers, named = parts.groups()
+    settings: dict[str, Any] = {"kind": kind}
+    settings |= zip(("length", "warmup"), map(int, numbers.split(":")[1:]), strict=False)
+    for name, value in (one.split("=") for one in named.split(":")[1:]):
+        if name not in _NAMED or _NAMED[name] in settings:
+            raise ValueError(f"{name}={value} is unknown or there twice")
+        settings[_NAMED[name]] = int(value)
+    if kind == "none" and len(settings) > 1:
+        raise ValueError("none has no settings")
+    return settings
 
 
 def _told(provenance: Mapping[str, str]) -> tuple[str, IntArray]:

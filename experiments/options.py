@@ -12,7 +12,7 @@ from rich.console import Console
 
 import mdkf
 import sim_bridge
-from experiments.occlusion import OcclusionProtocol
+from experiments.occlusion import FORM, OcclusionProtocol
 from mdkf import DETECTORS, Trace, TrackerSettings
 from scenarios import Scenario
 
@@ -33,6 +33,10 @@ NoCache = Annotated[
 GapTruth = Annotated[
     str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
 ]
+
+
+OCCLUSIONS = f"{FORM} in frames: mid:20, late:10:35, switch:20:start=-5, natural:20"
+"""What an occlusion protocol may be."""
 
 
 def chosen_gap_truth(text: str) -> Any:
@@ -72,7 +76,7 @@ def chosen_rules(name: str, given: Sequence[str]) -> TrackerSettings:
 
 
 def chosen_occlusion(text: str) -> OcclusionProtocol:
-    """The occlusion protocol KIND:LENGTH[:WARMUP]; refuses what is none."""
+    """The occlusion protocol of a text; refuses what is none."""
     try:
         return OcclusionProtocol.parse(text)
     except ValueError as error:

@@ -34,12 +34,14 @@ SCHEMA = {
     "recovered": pl.Boolean,
 }
 """Columns of `gap_errors`: regime and turning are the truth's at the gap's first frame, offset
-counts frames from it, error is in metres and null where the followed track is gone."""
+counts frames from it, error is in metres and null where the followed track is gone. An empty gap
+that has no first frame, as the trace ends, is of the last one before it."""
 
 
 def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
-    """One row for each gap and frame, from `WINDOW` frames before it to `WINDOW` after it.
-    Where the object does not reappear (late gaps) nothing comes after.
+    """One row for each gap and frame, from `WINDOW` frames before it to `WINDOW` after it, neither
+    of them in another gap of the object. Where the object does not reappear (late gaps) nothing
+    comes after.
 
     A gap whose object no track follows has track_id -1 and no errors. `captured`: in the gap the
     track took a detection, which cannot be its object's. `deleted`: it ended before the gap did.
@@ -57,12 +59,15 @@ def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDAr
     """Columns of one gap; None if the trace does not have the object as the gap begins."""
     object_id, start, stop = (int(a[k]) for a in (gaps.object_id, gaps.start, gaps.stop))
     rows = trace.rows_of(object_id)
+    others = gaps.object_id == object_id
+    begin = max(start - WINDOW, gaps.stop[others & (gaps.start < start)].max(initial=0))
     end = stop + WINDOW if gaps.reappear else stop
-    rows = rows[(trace.frame[rows] >= start - WINDOW) & (trace.frame[rows] < end)]
+    end = min(end, gaps.start[others & (gaps.start > start)].min(initial=end))
+    rows = rows[(trace.frame[rows] >= begin) & (trace.frame[rows] < end)]
     frame = trace.frame[rows]
-    if start not in frame or start - 1 not in frame:
+    if start - 1 not in frame or (start not in frame and start < stop):
         return None
-    at_start = rows[np.searchsorted(frame, start)]
+    at_start = rows[min(np.searchsorted(frame, start), len(rows) - 1)]
     followed = _followed(trace, tracks, rows[np.searchsorted(frame, start - 1)])
     error = np.full(len(rows), np.nan)
     captured = deleted = recovered = False

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from experiments.pairing import UNASSIGNED, assigned
 from mdkf.tables import BoolArray, IntArray, Trace, Tracks
 

@@ -49,7 +49,9 @@ DT = 0.1
 def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:
     """Write `report.html` into `out` and return its path; needs no network to be read."""
     drawn = drawn_filters(plan.filters)
-    mean_figure = figures.mean_drift_figure(results.errors, drawn, plan.occlusion.length, DT)
+    natural = plan.occlusion.kind == "natural"
+    length = plan.occlusion.length
+    mean_figure = figures.mean_drift_figure(results.errors, drawn, length, DT, natural)
     path = out / NAME
     write_page(
         "report.html.j2",
@@ -154,7 +156,8 @@ def _regime_rows(errors: pl.DataFrame, filters: list[str]) -> list[dict[str, Any
         own = in_gap.filter(regime=regime)
         if own.is_empty():
             continue
-        gaps = own.filter(filter=filters[0]).select("scenario", "seed", "object_id").n_unique()
+        gap = ("scenario", "seed", "object_id", "gap_start")
+        gaps = own.filter(filter=filters[0]).select(gap).n_unique()
         cells = [_regime_cell(own.filter(filter=name)) for name in filters]
         least = min(cell["value"] for cell in cells)
         for name, cell in zip(filters, cells, strict=True):
@@ -201,6 +204,7 @@ def _gap_pictures(
         own = results.errors.filter(scenario=scenario.name, seed=seed)
         trace = read_table(folder / "trace.parquet", Trace)
         detections = read_table(folder / "detections.parquet", Detections)
+        seen = plan.occlusion.apply(detections, trace)
         tracks = {name: read_table(folder / f"tracks-{name}.parquet", Tracks) for name in filters}
         distance = trace.sensor_distance()
         regime = pl.col("regime")
@@ -211,9 +215,8 @@ def _gap_pictures(
             if gap is None:
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
-            figure = figures.gap_figure(trace, detections, tracks, errors, gap)
+            figure = figures.gap_figure(trace, detections, seen, tracks, errors, gap)
             title = f"{scenario.name}, seed {seed}: a {label} object in its gap"
-            seen = plan.occlusion.apply(detections)
             player = playback(trace, seen, tracks, focus=gap[0], gap=gap[1:], title=title)
             pictures.append(
                 {
@@ -232,9 +235,10 @@ def _nearest_gap(trace: Trace, distance: Any, errors: pl.DataFrame) -> tuple[int
     """The gap (object, start, stop) whose object is nearest to the sensor as it begins, of those
     that every filter's track goes through uncaptured."""
     free = ((pl.col("track_id") >= 0) & ~pl.col("captured")).all().over("object_id", "gap_start")
-    gaps = errors.filter(free).select("object_id", "gap_start", "gap_stop").unique()
+    there = pl.col("gap_stop") > pl.col("gap_start")
+    gaps = errors.filter(free, there).select("object_id", "gap_start", "gap_stop").unique()
     found = []
-    for object_id, start, stop in gaps.sort("object_id").iter_rows():
+    for object_id, start, stop in gaps.sort("object_id", "gap_start").iter_rows():
         rows = trace.rows_of(object_id)
         row = rows[trace.frame[rows] == start]
         found.append((float(distance[row[0]]), object_id, start, stop))

@@ -66,7 +66,7 @@ class Scores:
         lost: percent of those with a reappearing object whose track is not with it afterwards.
         """
         followed = self.errors.filter(pl.col("track_id") >= 0)
-        by_gap = followed.group_by("object_id").agg(
+        by_gap = followed.group_by("object_id", "gap_start").agg(
             pl.col("captured", "deleted", "recovered").first(),
             (pl.col("phase") == "after").any().alias("reappears"),
         )

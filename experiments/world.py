@@ -75,7 +75,7 @@ def run_world(world: World) -> Outcome:
     except SeedRefused as refusal:
         return Outcome(name, seed, refused=str(refusal))
     detections = detect(trace, world.detector, seed)
-    occluded = world.occlusion.apply(detections)
+    occluded = world.occlusion.apply(detections, trace)
     if world.keep is not None:
         world.keep.mkdir(parents=True, exist_ok=True)
         write_table(trace, world.keep / "trace.parquet")

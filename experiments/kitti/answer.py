@@ -85,6 +85,8 @@ class Answer:
             n = gaps[0]["gaps"]
             title = f"{name}, occlusion {occlusion}: errors in {n} gap{'s' * (n != 1)}"
             yield gap_table(title, gaps, wide)
+        elif self.plan.occlusion.kind == "natural":
+            yield f"{name}: no object is hidden by others, for {occlusion}\n"
         elif self.plan.occlusion.kind != "none":
             yield f"{name}: no object has detections enough for {occlusion}\n"
         for rules in self.plan.rules if self.simulated else ():

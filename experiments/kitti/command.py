@@ -23,7 +23,7 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
 from experiments.kitti.tables import published_table
-from experiments.options import Json, Root, busy, chosen_filters, chosen_occlusion
+from experiments.options import OCCLUSIONS, Json, Root, busy, chosen_filters, chosen_occlusion
 from experiments.terminal import FULL_WIDTH
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
 from mdkf.settings import Confirmation, Position
@@ -67,7 +67,7 @@ def kitti(
     ] = "robmot,paper",
     occlusion: Annotated[
         str,
-        typer.Option(help="Detections to hide, KIND:LENGTH[:WARMUP] in frames: mid:20; or none."),
+        typer.Option(help=f"Detections to hide, {OCCLUSIONS}; or none."),
     ] = "none",
     position: Annotated[
         Position, typer.Option(help="What a track reports in frames with a detection.")

@@ -7,6 +7,7 @@ import polars as pl
 from experiments.statistics import clustered_interval, told
 
 OBJECT = ("sequence", "object_id")
+GAP = (*OBJECT, "gap_start")
 
 
 def gap_rows(errors: pl.DataFrame) -> list[dict[str, Any]]:
@@ -29,7 +30,7 @@ def gap_rows(errors: pl.DataFrame) -> list[dict[str, Any]]:
         own = in_gap.filter(pl.col("filter") == name)
         followed = own.filter(pl.col("track_id") >= 0)
         by_gap = errors.filter(filter=name).filter(pl.col("track_id") >= 0)
-        by_gap = by_gap.group_by(OBJECT).agg(
+        by_gap = by_gap.group_by(GAP).agg(
             pl.col("captured", "deleted", "recovered").first(),
             (pl.col("phase") == "after").any().alias("reappears"),
         )
@@ -39,7 +40,7 @@ def gap_rows(errors: pl.DataFrame) -> list[dict[str, Any]]:
         rows.append(
             {
                 "filter": name,
-                "gaps": own.select(OBJECT).n_unique(),
+                "gaps": errors.filter(filter=name).select(GAP).n_unique(),
                 "followed": len(by_gap),
                 "captured": _percent(by_gap["captured"]),
                 "deleted": _percent(by_gap["deleted"]),

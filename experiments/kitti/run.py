@@ -124,7 +124,10 @@ def run(
 
     out: folder for the tracks, `tracks/FILTER/data/SSSS.txt`; None: they are not written.
     """
-    occluded = [plan.occlusion.apply(found) for found in detections]
+    occluded = [
+        plan.occlusion.apply(found, recording.trace)
+        for found, recording in zip(detections, recordings, strict=True)
+    ]
     rows: list[Row] = []
     left_out = {}
     errors = []

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import polars as pl
 
 from experiments.estimates import Where
+from experiments.natural import SHORTEST
 from experiments.paper.item import Answer, Cells, Item, Picture, Source
 from experiments.paper.scene_figures import (
     EVERY_SCENE,
@@ -17,7 +18,7 @@ from experiments.paper.scene_figures import (
 )
 from experiments.paper.scores import minus
 from experiments.studies import scenes
-from experiments.studies.natural import HORIZON, LEFT, MOVING, SHORTEST, STEADY, WARMUP
+from experiments.studies.natural import HORIZON, LEFT, MOVING, STEADY, WARMUP
 from experiments.studies.worlds import FILTERS, ORDER_2, ORDER_3
 
 BUS, STOP, VAN, AWAY = "passing_bus", "bus_stop", "passing_van", "off_scene"

@@ -1,22 +1,16 @@
-"""A trace and its detections into natural occlusions: cars that traffic hides from the sensor, and
-cars that leave its view. Nothing is removed, the detector misses by itself what it cannot see.
-
-A gap is the frames between two detections of a car, or after its last one, in most of which it is
-hidden: in range, and less visible than what counts (`experiments.population`). In the others it was
-missed, mostly at the edges, as the detector misses what is half hidden.
+"""A trace and its detections into natural occlusions (`experiments.natural`) of cars: those that
+traffic hides from the sensor, and those that leave its view, hidden in most of the frames after
+their last detection.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from experiments.occlusion import Gap, Gaps
-from experiments.population import naturally_occluded
-from mdkf.tables import KINDS, BoolArray, Detections, FloatArray, IntArray, Trace
+from experiments.gaps import Gap, Gaps
+from experiments.natural import mostly_hidden, natural_occlusions, sightings
+from mdkf.tables import KINDS, Detections, FloatArray, IntArray, Trace
 
-SHORTEST = 4
-"""Frames in which a car is hidden, at least: the paper's picture of a stationary car is of four."""
 WARMUP = 10
 """Detections of a car before its gap."""
 HORIZON = 20
@@ -31,24 +25,21 @@ MOVING = 1.0
 
 def natural_gaps(trace: Trace, detections: Detections) -> Gaps:
     """The gaps between two detections of a car that was detected at least `WARMUP` times before."""
-    found = []
-    for car, rows, hidden, seen in _cars(trace, detections):
-        for k in np.flatnonzero(np.diff(seen) > SHORTEST):
-            own = (trace.frame[rows] > seen[k]) & (trace.frame[rows] < seen[k + 1])
-            all_there = own.sum() == seen[k + 1] - seen[k] - 1
-            if k + 1 >= WARMUP and all_there and _mostly(hidden[own]):
-                found.append((car, int(seen[k]) + 1, int(seen[k + 1])))
-    return Gaps.of(found)
+    return natural_occlusions(trace, detections, _cars(trace), WARMUP)
 
 
 def leaving_gaps(trace: Trace, detections: Detections) -> Gaps:
     """The first `LEFT` frames after the last detection of a car that was detected at least `WARMUP`
     times and moves as they begin; nobody sees it again."""
     found = []
-    for car, rows, hidden, seen in _cars(trace, detections):
+    for car, rows, hidden, seen in sightings(trace, detections, _cars(trace)):
         first = int(seen[-1]) + 1 if len(seen) >= WARMUP else trace.n_frames
         own = (trace.frame[rows] >= first) & (trace.frame[rows] < first + LEFT)
-        if own.sum() == LEFT and _mostly(hidden[own]) and _speed(trace, rows[own])[0] >= MOVING:
+        if (
+            own.sum() == LEFT
+            and mostly_hidden(hidden[own])
+            and _speed(trace, rows[own])[0] >= MOVING
+        ):
             found.append((car, first, first + LEFT))
     return Gaps.of(found, reappear=False)
 
@@ -85,20 +76,9 @@ def measured(gaps: Gaps) -> Gaps:
     return replace(gaps, stop=np.minimum(gaps.stop, gaps.start + HORIZON))
 
 
-def _cars(
-    trace: Trace, detections: Detections
-) -> Iterator[tuple[int, IntArray, BoolArray, IntArray]]:
-    """Of each car: its id, its rows, whether it is hidden in each, the frames it is detected in."""
-    hidden = naturally_occluded(trace, Gaps.of([]))
-    for car in np.unique(trace.object_id[trace.kind == KINDS.index("car")]).tolist():
-        rows = trace.rows_of(car)
-        yield car, rows, hidden[rows], detections.frame[detections.rows_of(car)]
-
-
-def _mostly(hidden: BoolArray) -> bool:
-    """Whether frames are a gap, by whether the car is hidden in each."""
-    count = int(hidden.sum())
-    return count >= SHORTEST and 2 * count > len(hidden)
+def _cars(trace: Trace) -> IntArray:
+    """The ids of the cars, ascending."""
+    return np.unique(trace.object_id[trace.kind == KINDS.index("car")])
 
 
 def _speed(trace: Trace, rows: IntArray) -> FloatArray:

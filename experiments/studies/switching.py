@@ -14,7 +14,9 @@ import numpy as np
 
 from experiments.bins import around_gaps
 from experiments.drift import followed
-from experiments.occlusion import Gaps, OcclusionProtocol
+from experiments.gaps import Gaps
+from experiments.occlusion import OcclusionProtocol
+from experiments.regime_switches import frames_since_change
 from experiments.studies.scale import Scale
 from experiments.studies.seeds import SeedJob, of_traffic
 from experiments.studies.signals import separation, signals
@@ -105,20 +107,6 @@ def kinds(trace: Trace) -> IntArray:
     creeps = np.hypot(trace.vx, trace.vy) < CRAWL
     steady = (trace.regime == REGIMES.index("constant_velocity")) & ~trace.turning
     return np.select([stands, creeps, steady], [STANDSTILL, CREEPING, STEADY], MANOEUVRE)
-
-
-def frames_since_change(trace: Trace, state: IntArray) -> IntArray:
-    """Of every row, how many frames ago its object's state (n,) changed last, from 0 in the first
-    frame of the new state on; before any change, more than there are frames."""
-    order = np.lexsort((trace.frame, trace.object_id))
-    frame, own = trace.frame[order], trace.object_id[order]
-    new = np.append(True, own[1:] != own[:-1])
-    changed = np.append(False, state[order][1:] != state[order][:-1]) & ~new
-    # Where the last change or the object's beginning is: beginnings are infinitely long ago.
-    last = np.maximum.accumulate(np.where(changed | new, np.arange(len(order)), 0))
-    since = np.empty(len(order), dtype=np.int64)
-    since[order] = np.where(changed[last], frame - frame[last], trace.n_frames + 1)
-    return since
 
 
 def inferred(told: Mapping[str, FloatArray]) -> IntArray:
@@ -220,10 +208,11 @@ def _by_change(
     own = trace.object_id[row]
     end = np.maximum(kind, CREEPING) - CREEPING  # places in ENDS
     first, last = np.full(len(row), -1), np.full(len(row), -1)
-    for identifier in gaps.object_id:
-        place = np.flatnonzero(own == identifier)
+    when = trace.frame[row]
+    for identifier, start, stop in gaps.rows():
+        place = np.flatnonzero((own == identifier) & (when >= start) & (when < stop))
         if len(place):
-            frame = trace.frame[row[place]]
+            frame = when[place]
             first[place] = end[place[np.argmin(frame)]]
             last[place] = end[place[np.argmax(frame)]]
     for (a, before), (b, after) in product(enumerate(ENDS), enumerate(ENDS)):

@@ -50,7 +50,11 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     ),
     "no filter": (("run", "--filters", ""), ("filter ''",)),
     "kind of occlusion": (("run", "--occlusion", "early:20"), ("'early:20'", "mid:20")),
-    "length of occlusion": (("run", "--occlusion", "mid:0"), ("'mid:0'", "KIND:LENGTH")),
+    "length of occlusion": (("run", "--occlusion", "mid:-1"), ("'mid:-1'", "KIND:LENGTH")),
+    "gaps of one that has one": (
+        ("run", "--occlusion", "late:9:gaps=2"),
+        ("'late:9:gaps=2'", "mid and switch alone"),
+    ),
     "occlusion to detect with": (
         ("detect", "{made}/trace.parquet", "--occlusion", "mid:x", *OUT),
         ("'mid:x'",),

@@ -1,5 +1,6 @@
 """Claim: `mdkf kitti` and `mdkf export` do what they say, shown on recordings made by hand."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,20 @@ def test_simulated_detections_stand_beside_recorded_ones(root: Path, mdkf_comman
     assert "recorded against simulated" in shown
     assert "HOTA within 2 points for" in shown
     assert "without what is tracked of labelled cars before or after their labels" in shown
+
+
+def test_kinds_of_occlusion_that_a_recording_may_have(root: Path, mdkf_command: Mdkf) -> None:
+    """Several gaps of each car are that many; of natural ones there are none here; true switches of
+    motion nobody knows."""
+    mine = (*MINE, "--rules", "exact", "--detections", root / "detections" / "pvcnn")
+    gaps = answered(mdkf_command(*mine, "--occlusion", "mid:5:9:gaps=3", "--json"))["gaps"]
+    assert [(row["filter"], row["gaps"], row["followed"]) for row in gaps] == [
+        *[("ca", 6, 6), ("md", 6, 6)]
+    ]
+    assert "no object is hidden by others" in mdkf_command(*mine, "--occlusion", "natural:20").out
+    refused = mdkf_command(*mine, "--occlusion", "switch:20")
+    assert (refused.status, refused.out) == (2, "")
+    assert re.fullmatch(r"mdkf: [^\n]*no switches of motion[^\n]*\n", refused.err)
 
 
 def test_nothing_detected_is_no_value_not_an_error(

@@ -216,17 +216,48 @@ def test_removing_an_object_from_the_trace_changes_no_other_detection() -> None:
         ("late:10:5", OcclusionProtocol("late", 10, 5)),
         ("mid", OcclusionProtocol("mid", 20, 35)),
         ("none", OcclusionProtocol("none")),
+        ("mid:0", OcclusionProtocol("mid", 0, 35)),
+        ("mid:20:35:gaps=3", OcclusionProtocol("mid", 20, 35, n_gaps=3)),
+        ("switch:20", OcclusionProtocol("switch", 20, 35)),
+        ("switch:20:start=-5", OcclusionProtocol("switch", 20, 35, start=-5)),
+        ("switch:5:9:start=7:gaps=2", OcclusionProtocol("switch", 5, 9, start=7, n_gaps=2)),
+        ("switch:5:9:gaps=2:start=7", OcclusionProtocol("switch", 5, 9, start=7, n_gaps=2)),
+        ("natural:40:10", OcclusionProtocol("natural", 40, 10)),
     ],
 )
 def test_a_protocol_is_read_from_text(text: str, expected: OcclusionProtocol) -> None:
-    """KIND:LENGTH[:WARMUP]; the paper's 20 and 35 where they are left out; and back."""
+    """KIND:LENGTH[:WARMUP], the paper's 20 and 35 where they are left out, and what else the kind
+    has; and back."""
     assert OcclusionProtocol.parse(text) == expected
     assert OcclusionProtocol.parse(str(expected)) == expected
 
 
 @pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("none", "none"),
+        ("mid:20", "mid:20:35"),
+        ("late:10:5", "late:10:5"),
+        ("mid:20:35:gaps=1", "mid:20:35"),
+        ("mid:20:gaps=3", "mid:20:35:gaps=3"),
+        ("switch:20:start=-5", "switch:20:35:start=-5"),
+        ("switch:20:start=0", "switch:20:35"),
+        ("switch:20:9:start=4:gaps=2", "switch:20:9:gaps=2:start=4"),
+    ],
+)
+def test_a_protocol_is_told_in_one_way(text: str, told: str) -> None:
+    """What names results names them always alike: numbers first, then what is not as usual."""
+    assert str(OcclusionProtocol.parse(text)) == told
+
+
+@pytest.mark.parametrize(
     "text",
-    ["", "early:20", "mid:", "mid:0", "mid:-3", "mid:20:0", "mid:x", "mid:1.5", "mid:1:2:3", ":20"],
+    [
+        *("", "early:20", "mid:", "mid:-3", "mid:20:0", "mid:x", "mid:1.5", "mid:1:2:3", ":20"),
+        *("late:20:gaps=2", "mid:20:gaps=0", "mid:20:gaps=x", "mid:20:gaps=", "mid:20:gaps=2:35"),
+        *("mid:20:start=5", "mid:20:gaps=2:gaps=2", "mid:20:speed=3", "natural:20:gaps=2"),
+        *("natural:0", "none:20", "none:gaps=2", "switch:20:start=1e3", f"mid:{10**30}"),
+    ],
 )
 def test_a_bad_text_is_refused_with_what_was_expected(text: str) -> None:
     """The message quotes the text and shows the form, in one line."""
@@ -237,9 +268,15 @@ def test_a_bad_text_is_refused_with_what_was_expected(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"kind": "early"}, {"length": 0}, {"warmup": 0}, {"length": -1}]
+    "options",
+    [
+        *({"kind": "early"}, {"warmup": 0}, {"length": -1}, {"n_gaps": 0}, {"start": 3}),
+        *({"kind": "natural", "length": 0}, {"kind": "late", "n_gaps": 2}),
+        *({"kind": "natural", "n_gaps": 2}, {"kind": "none", "start": 1}),
+    ],
 )
 def test_an_impossible_protocol_cannot_be_made(options: dict[str, object]) -> None:
-    """Unknown kinds and counts below one are refused when the protocol is made."""
+    """Unknown kinds, impossible counts and settings of another kind are refused when the protocol
+    is made."""
     with pytest.raises(ValueError, match="expected"):
         OcclusionProtocol(**options)  # type: ignore[arg-type]

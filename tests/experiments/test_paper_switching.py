@@ -10,6 +10,7 @@ from experiments.drift import drift
 from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.paper import switching
 from experiments.paper.items import ITEMS
+from experiments.regime_switches import frames_since_change
 from experiments.studies import switches
 from experiments.studies import switching as switching_worlds
 from experiments.studies.scale import QUICK
@@ -19,7 +20,6 @@ from experiments.studies.switching import (
     KINDS,
     TOLD,
     Followed,
-    frames_since_change,
     inferred,
     kinds,
     scored,

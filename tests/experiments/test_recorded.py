@@ -100,6 +100,14 @@ def test_filters_run_on_recordings(
     assert set(errors["regime"]) <= {"unknown"}
 
 
+def test_recordings_have_no_switches_of_motion(
+    recordings: Path, mdkf_command: Mdkf, tmp_path: Path
+) -> None:
+    """Nobody knows the true motion: one line says so, and nothing is left behind."""
+    answer = mdkf_command(*RUN, "--occlusion", "switch:20")
+    assert_refused(answer, tmp_path, "kitti-0003", "no switches of motion", "simulated world")
+
+
 def test_recorded_detections_from_file_to_file(
     recordings: Path, mdkf_command: Mdkf, tmp_path: Path
 ) -> None:
