@@ -19,6 +19,7 @@ from rich.table import Table
 
 from experiments import terminal
 from experiments.engine import RunFailed
+from experiments.growth import growth_table
 from experiments.options import Json, NoCache
 from experiments.sweeps.file import read_sweep
 from experiments.sweeps.progress import WATCHED, Progress
@@ -206,6 +207,11 @@ def _print(results: SweepResults, out: Path) -> None:
     first = pairs.join(keys.head(MAX_PAIRS), on=["scenario", "against"], how="semi")
     if not first.is_empty():
         shown.print(terminal.difference_table(first, wide))
+    for _, curve in results.curves.group_by("detector", "tracker", maintain_order=True):
+        if curve["length"].n_unique() > 1:
+            shown.print(growth_table(curve, intervals=wide))
+    for picture in results.pictures:
+        print(f"error growth: {picture}")
     more = max(len(summary) - MAX_ROWS, 0) + max(len(keys) - MAX_PAIRS, 0)
     if more:
         print(f"{more} more rows are in {out / 'summary.parquet'} and differences.parquet")

@@ -1,8 +1,9 @@
 """A sweep into a folder of results: what is missing is done, and kept as it comes.
 
 Files in the folder: `runs/` and `growth/` (`experiments.sweeps.dataset`), `manifest.json`
-(`experiments.sweeps.manifest`), and of all that is there when it ends `summary.parquet` and
-`differences.parquet` (`experiments.sweeps.summary`).
+(`experiments.sweeps.manifest`), and of all that is there when it ends `summary.parquet`,
+`differences.parquet` (`experiments.sweeps.summary`) and `growth.parquet`, `.svg`, `.png`
+(`experiments.sweeps.growth_files`).
 """
 
 import shutil
@@ -19,6 +20,7 @@ from experiments import engine
 from experiments.sweeps import manifest, task
 from experiments.sweeps.cluster import on_cluster
 from experiments.sweeps.dataset import KINDS, Dataset
+from experiments.sweeps.growth_files import curves, write_growth
 from experiments.sweeps.progress import Progress
 from experiments.sweeps.summary import differences, summarise
 from experiments.sweeps.sweep import Setup, Sweep
@@ -35,13 +37,17 @@ class SweepResults:
     """The results of a sweep, as far as they are there, and what they say.
 
     runs, growth: its rows (`RUNS`, `GROWN` of `experiments.sweeps.task`). summary: means over
-    seeds; differences: of the first filter from the others, paired. progress: what was done.
+    seeds; differences: of the first filter from the others, paired. curves: of error growth
+    (`experiments.sweeps.growth_files.CURVES`), pictures: of them; none of a sweep that is
+    interrupted. progress: what was done.
     """
 
     runs: pl.LazyFrame
     growth: pl.LazyFrame
     summary: pl.DataFrame
     differences: pl.DataFrame
+    curves: pl.DataFrame
+    pictures: Sequence[Path]
     progress: Progress
 
 
@@ -97,7 +103,8 @@ def run_sweep(
             own = pl.LazyFrame(
                 {"run": [each.run(one) for each in everything for one in each.setups]}
             )
-            results = _ended(sweep, dataset, own, progress)
+            drawn = state != "interrupted"
+            results = _ended(sweep, dataset, own, progress, drawn)
             status = results.runs.collect()["status"].value_counts().iter_rows()
             manifest.end(out, told, state, dict(status), dataset.files())
     return results
@@ -158,10 +165,14 @@ def _outcomes(
     yield from engine.outcomes(task.do, missing, workers, warm_up, dead=task.died)
 
 
-def _ended(sweep: Sweep, dataset: Dataset, own: pl.LazyFrame, progress: Progress) -> SweepResults:
+def _ended(
+    sweep: Sweep, dataset: Dataset, own: pl.LazyFrame, progress: Progress, drawn: bool
+) -> SweepResults:
     """The results of all that is there of a sweep's own runs, written beside them."""
     runs, growth = (dataset.rows(kind).join(own, on="run", how="semi") for kind in KINDS)
     found = summarise(runs, sweep), differences(runs, sweep)
     for name, frame in zip(("summary", "differences"), found, strict=True):
         write_frame(frame, dataset.folder / f"{name}.parquet")
-    return SweepResults(runs, growth, *found, progress)
+    curve = curves(growth if drawn else growth.clear(), sweep)
+    pictures = write_growth(curve, dataset.folder) if drawn else []
+    return SweepResults(runs, growth, *found, curve, pictures, progress)

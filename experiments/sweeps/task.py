@@ -158,7 +158,7 @@ def _of_detections(
     for occlusion, of_occlusion in groupby(setups, key=lambda setup: setup.occlusion):
         own = tuple(of_occlusion)
         try:
-            occluded = occlusion.apply(detections)
+            occluded = occlusion.apply(detections, trace)
         except Exception as error:
             yield from ((setup, error, 0.0) for setup in own)
             continue

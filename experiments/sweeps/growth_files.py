@@ -1,0 +1,69 @@
+"""A sweep's error growth into a table and a picture for each detector and set of rules."""
+
+import re
+from pathlib import Path
+
+import polars as pl
+
+from experiments.growth import CURVE, growth_curve, growth_figure
+from experiments.sweeps.sweep import Sweep
+from experiments.sweeps.task import parameters_of
+from scenarios import Scenario
+from sim_bridge.parquet import replacing, write_frame
+
+DT = 0.1
+"""Time between the frames of a sweep's worlds [s]."""
+DOTS_PER_INCH = 150
+
+CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
+"""Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""
+
+
+def curves(growth: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
+    """The error-growth curves of a sweep, with the columns `CURVES`: over the lengths of its gaps,
+    or within the gaps if they are all of one length.
+
+    growth: rows with the columns `experiments.sweeps.task.GROWN`.
+    """
+    lengths = {str(one): one.length for one in sweep.occlusions}
+    own = [one.length for one in sweep.occlusions if one.kind not in ("none", "natural")]
+    names = dict(zip(map(_world, sweep.scenarios), sweep.labels(), strict=True))
+    rows = growth.collect().with_columns(
+        length=pl.col("occlusion").replace_strict(lengths, return_dtype=pl.Int64),
+        # Of one scenario with different parameters each is a cluster of its own.
+        scenario=pl.concat_str("scenario", "parameters").replace_strict(
+            names, return_dtype=pl.String
+        ),
+    )
+    order = pl.Enum([one.name for one in sweep.filters])
+    rows = rows.sort(pl.col("filter").cast(order), maintain_order=True)
+    found = [pl.DataFrame(schema=CURVES)]
+    for (detector, tracker), one in rows.group_by("detector", "tracker", maintain_order=True):
+        curve = growth_curve(one, within=len(set(own)) < 2)
+        which = [pl.lit(detector).alias("detector"), pl.lit(tracker).alias("tracker")]
+        found.append(curve.select(*which, *CURVE))
+    return pl.concat(found)
+
+
+def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:
+    """Write `growth.parquet` and, for each detector and set of rules, `growth.svg` and `.png`;
+    which pictures there are. Of several each has their names in its own."""
+    write_frame(curve, folder / "growth.parquet")
+    pictures = []
+    groups = list(curve.group_by("detector", "tracker", maintain_order=True))
+    for (detector, tracker), own in groups:
+        figure = growth_figure(own.select(*CURVE), DT)
+        if figure is None:
+            continue
+        of = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.=]+", "-", f"{detector}-{tracker}")
+        for kind in ("svg", "png"):
+            path = folder / f"growth{of.rstrip('-')}.{kind}"
+            with replacing(path) as temporary:
+                figure.savefig(temporary, format=kind, dpi=DOTS_PER_INCH)
+        pictures.append(path)
+    return pictures
+
+
+def _world(scenario: Scenario) -> str:
+    """As `scenario` and `parameters` of its rows stand together."""
+    return f"{scenario.name}{parameters_of(scenario)}"
