@@ -74,7 +74,7 @@ class _Summary:
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Tell, if there is anything to tell."""
         if self.notices:
-            terminalreporter.section("mdkf baselines")
+            terminalreporter.write_sep("=", "mdkf baselines")
             for notice in self.notices:
                 terminalreporter.write_line(notice)
 

@@ -103,6 +103,13 @@ def read(path: Path) -> Baseline:
     pins = {name: _pin(path, name, entry) for name, entry in document["metrics"].items()}
     if not pins:
         raise BaselineError(f"{path}: key metrics: expected at least one")
+    for identifier, errors in document["position_error_by_second"].items():
+        if not isinstance(errors, list) or not all(
+            error is None or isinstance(error, int | float) for error in errors
+        ):
+            raise BaselineError(
+                f"{path}: key position_error_by_second.{identifier}: expected a list of numbers"
+            )
     return Baseline(
         document["world"],
         pins,

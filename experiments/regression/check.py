@@ -52,8 +52,8 @@ def assert_no_regression(
     with other options. baseline: a JSON file (`.json` may be left out), which `pytest
     --mdkf-update`, or the environment variable MDKF_UPDATE=1, makes or accepts.
     tolerances: by metric (`experiments.regression.METRICS`) a number in its unit or a share of the
-    baseline's value as "1 %", in place of what the file says. metrics: those to compare, all if not
-    given. strict: whether better than the baseline fails too.
+    baseline's value as "1 %", in place of what the file says. metrics: those to compare, all that
+    the file pins if not given. strict: whether better than the baseline fails too.
 
     Raises `BaselineError` for a file that cannot be read or is of another trace or detections,
     `TableError` for tracks that cannot be of these detections, `ValueError` for an unknown metric.
@@ -67,17 +67,15 @@ def assert_no_regression(
     given = {n: files.checked_tolerance(f"metric {n}", t) for n, t in (tolerances or {}).items()}
     scores = _scored(tracks, trace, detections)
     now = measured(scores)
-    names = tuple(metrics) if metrics is not None else tuple(METRICS)
     world = files.world_of(trace, detections)
     if _updating():
-        _accept(path, world, {name: now[name] for name in names}, given, scores)
+        _accept(path, world, now, metrics, given, scores)
         return
     if not path.is_file():
         raise Regression(f"no baseline {_shown(path)}; make it with:  {_command()}")
     pinned = files.read(path)
     _refuse_other(path, pinned, world)
-    if metrics is None:
-        names = tuple(pinned.pins)
+    names = tuple(pinned.pins if metrics is None else metrics)
     if missing := [name for name in names if name not in pinned.pins]:
         raise BaselineError(
             f"{_shown(path)}: does not pin {', '.join(missing)}; accept with:  {_command()}"
@@ -121,15 +119,19 @@ def _scored(given: Tracks | Scores, trace: Trace, detections: Detections) -> Sco
     return score(trace, replace(tracks, provenance={**told, **tracks.provenance}))
 
 
+def _is_of(pinned: Baseline, world: Mapping[str, str]) -> bool:
+    """Whether a baseline is of this world, whatever it is called."""
+    return all(pinned.world.get(key) == world[key] for key in ("trace", "detections"))
+
+
 def _refuse_other(path: Path, pinned: Baseline, world: Mapping[str, str]) -> None:
     """Raise `BaselineError` for a baseline of another world, naming what differs."""
-    then = pinned.world
-    if (then.get("trace"), then.get("detections")) == (world["trace"], world["detections"]):
+    if _is_of(pinned, world):
         return
-    keys = dict.fromkeys((*then, *world))
+    then = pinned.world
     differing = [
         f"{key} {then.get(key, 'none')} -> {world.get(key, 'none')}"
-        for key in keys
+        for key in dict.fromkeys((*then, *world))
         if key not in ("trace", "detections") and then.get(key) != world.get(key)
     ]
     what = "trace" if then.get("trace") != world["trace"] else "detections"
@@ -147,35 +149,36 @@ def _accept(
     path: Path,
     world: Mapping[str, str],
     now: Mapping[str, float],
+    metrics: Sequence[str] | None,
     given: Mapping[str, str | float],
     scores: Scores,
 ) -> None:
-    """Write the baseline, unless it says the same already."""
-    old, another = None, None
+    """Write the baseline, unless it says the same already.
+
+    What it pins, and how tightly, is the user's choice and stays."""
+    old, what = None, "made"
     if path.is_file():
         try:
-            old = files.read(path)
-            _refuse_other(path, old, world)
+            old, what = files.read(path), "accepted"
         except BaselineError as error:
-            another, old = "of another world before" if old else str(error), None
-    rows = {n: Row(n, _pin(old, n, given), v) for n, v in now.items() if old and n in old.pins}
-    pins = {
-        name: rows[name].pin
-        if name in rows and rows[name].verdict == "same"
-        else replace(_pin(old, name, given), value=value)
-        for name, value in now.items()
-    }
-    if old is not None and pins == old.pins:
-        return
-    if old is not None and {n: p.value for n, p in pins.items()} == {
-        n: p.value for n, p in old.pins.items()
-    }:
-        seconds = old.seconds
+            what = f"made anew: {error}"
+    names = tuple(metrics if metrics is not None else old.pins if old else METRICS)
+    rows = [Row(name, _pin(old, name, given), now[name]) for name in names]
+    if old is not None and _is_of(old, world):
+        # A metric that was not pinned before has no value to keep.
+        kept = {r.metric for r in rows if r.verdict == "same" and r.metric in old.pins}
+        tolerances = {name: pin.tolerance for name, pin in old.pins.items()}
+        if kept == set(names) and {r.metric: r.pin.tolerance for r in rows} == tolerances:
+            return
+        changed = [row for row in rows if row.metric not in kept]
     else:
-        seconds = error_by_second(scores)
-    files.write(path, world, pins, seconds)
-    changed = [row for row in rows.values() if row.verdict != "same"]
-    what = f"made ({another})" if another else "accepted" if old else "made"
+        kept, changed = set(), []
+        what += ", of another world than before" if old else ""
+    pins = {
+        row.metric: row.pin if row.metric in kept else replace(row.pin, value=row.now)
+        for row in rows
+    }
+    files.write(path, world, pins, error_by_second(scores))
     _notices.append("\n".join([f"{_shown(path)}: {what}", *_indented(changed)]))
 
 

@@ -61,7 +61,7 @@ def table(rows: Sequence[Row]) -> list[str]:
             _number(row.pin.value, 7),
             _number(row.now, 7),
             _change(row),
-            _number(max(row.pin.allowed(), NEGLIGIBLE), 2),
+            _number(row.pin.allowed(), 2),
             row.verdict,
         )
         for row in rows
@@ -107,5 +107,5 @@ def _number(value: float, digits: int) -> str:
 def _change(row: Row) -> str:
     if math.isnan(row.change):
         return "–"
-    share = f" ({100 * row.change / abs(row.pin.value):+.2g} %)" if row.pin.value else ""
+    share = f" ({100 * row.change / abs(row.pin.value):+.3g} %)" if row.pin.value else ""
     return f"{row.change:+.2g}{share}"
