@@ -15,7 +15,7 @@ from pathlib import Path
 
 from experiments.regression import baseline as files
 from experiments.regression.baseline import Baseline, BaselineError, Pin
-from experiments.regression.compare import Row, aligned, table, worst
+from experiments.regression.compare import Row, changes, table, worst
 from experiments.regression.metrics import METRICS, error_by_second, measured
 from experiments.score import Scores, score
 from mdkf import Detections, TableError, Trace, Tracks
@@ -64,6 +64,8 @@ def assert_no_regression(
     for name in (*(tolerances or {}), *(metrics or ())):
         if name not in METRICS:
             raise ValueError(f"no metric {name!r}, expected one of: {', '.join(METRICS)}")
+    if metrics is not None and (not metrics or not set(tolerances or ()) <= set(metrics)):
+        raise ValueError("metrics: expected at least one, and all that have a tolerance")
     given = {n: files.checked_tolerance(f"metric {n}", t) for n, t in (tolerances or {}).items()}
     scores = _scored(tracks, trace, detections)
     now = measured(scores)
@@ -89,7 +91,7 @@ def assert_no_regression(
         )
     if better:
         _notices.append(
-            "\n".join([f"{_shown(path)}: better; accept with:  {_command()}", *_indented(better)])
+            "\n".join([f"{_shown(path)}: better; accept with:  {_command()}", *changes(better)])
         )
 
 
@@ -179,7 +181,7 @@ def _accept(
         for row in rows
     }
     files.write(path, world, pins, error_by_second(scores))
-    _notices.append("\n".join([f"{_shown(path)}: {what}", *_indented(changed)]))
+    _notices.append("\n".join([f"{_shown(path)}: {what}", *changes(changed)]))
 
 
 def _pin(old: Baseline | None, name: str, given: Mapping[str, str | float]) -> Pin:
@@ -210,15 +212,6 @@ def _failure(path: Path, pinned: Baseline, rows: Sequence[Row], where: Sequence[
         f"if this is meant, accept it with:  {_command()}",
     ]
     return "\n".join(lines)
-
-
-def _indented(rows: Sequence[Row]) -> list[str]:
-    """Old and new values of metrics."""
-    cells = [
-        (r.metric, f"{r.pin.value:.7g}", "->", f"{r.now:.7g}", METRICS[r.metric].unit, r.verdict)
-        for r in rows
-    ]
-    return [f"  {line}" for line in aligned(cells, left=(0, 4, 5))] if cells else []
 
 
 def _updating() -> bool:

@@ -69,6 +69,22 @@ def table(rows: Sequence[Row]) -> list[str]:
     return aligned([head, *cells], left=(0, 1, 6))
 
 
+def changes(rows: Sequence[Row]) -> list[str]:
+    """Lines of old and new values, for a notice."""
+    cells = [
+        (
+            row.metric,
+            _number(row.pin.value, 7),
+            "->",
+            _number(row.now, 7),
+            METRICS[row.metric].unit,
+            row.verdict,
+        )
+        for row in rows
+    ]
+    return [f"  {line}" for line in aligned(cells, left=(0, 4, 5))] if cells else []
+
+
 def worst(then: Seconds, now: Seconds) -> list[str]:
     """Lines that say where the position error grew most; none where it did not grow."""
     grown = []

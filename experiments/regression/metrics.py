@@ -1,8 +1,9 @@
 """Scores of one world into the numbers that a baseline pins, each with its unit and direction.
 
-They are means over thousands of estimates that a change in the last bit moves by 1e-13 and a change
-of 1 % in the noise of a filter's positions by 1e-4 and more: the default tolerance, 1e-6, is far
-from both.
+Relative changes, measured in the golden worlds with seven filters: rounding, another order of
+summation and the same equations written otherwise, at most 6e-13; 1 % in the noise of positions,
+4e-3 to 9e-3 in NEES, 2e-3 to 3e-3 in position_sigma, in most others 1e-5 to 3e-3. The default
+tolerance, 1e-6, is far from both.
 """
 
 from collections.abc import Mapping

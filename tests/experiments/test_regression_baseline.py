@@ -282,6 +282,9 @@ def test_bad_choices_are_refused(baseline: Path, tracks: Tracks) -> None:
         assert_no_regression(tracks, TRACE, SEEN, baseline, metrics=["speed"])
     with pytest.raises(ValueError, match="no metric 'speed', expected one of: hota, "):
         assert_no_regression(tracks, TRACE, SEEN, baseline, tolerances={"speed": 1.0})
+    for options in ({"metrics": []}, {"metrics": ["hota"], "tolerances": {"nees": 1.0}}):
+        with pytest.raises(ValueError, match="expected at least one, and all that have a tol"):
+            assert_no_regression(tracks, TRACE, SEEN, baseline, **options)
     for bad in ("1", "x %", -1.0, float("nan"), True, None):
         with pytest.raises(BaselineError, match="metric hota: tolerance is"):
             assert_no_regression(tracks, TRACE, SEEN, baseline, tolerances={"hota": bad})
