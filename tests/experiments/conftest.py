@@ -14,6 +14,9 @@ from experiments import OcclusionProtocol
 from experiments.command_line import main
 from tests.experiments.commands import COLOURING, Answer, Mdkf, shortened
 
+collect_ignore = ["example_project"]
+"""A user's project, which `test_regression_example` runs from outside."""
+
 
 @pytest.fixture
 def mdkf_command(
