@@ -2,10 +2,10 @@
 
     scenarios:                       # names, files, or names with parameters; lists are crossed
       - bus_stop
-      - {name: stop_and_go, parameters: {speed: [8, 11, 14], traffic: 0.3}}
+      - {name: stop_and_go, parameters: {speed: [8, 11], traffic: 0.3}}
     seeds: 20                        # so many from 0, or a list
     detectors: [pointrcnn]
-    occlusions: [none, "mid:20", {kind: mid, length: [5, 10, 20, 40], warmup: 35}]
+    occlusions: [none, "mid:20", {kind: [mid, late], length: [5, 10], gaps: 1}]
     filters: [ca, imm, md, {name: md, as: md-wide, options: {window: 20}}]
     tracker: {gate: [3, 4]}          # rules in place of the detector's own
     gap_truth: keep
@@ -40,6 +40,10 @@ def _listed(value: Any) -> Any:
     """One value is a list of one."""
     return value if isinstance(value, list) else [value]
 
+
+_KEYS = {"n_gaps": "gaps"}
+"""Fields of a protocol that have another name in a file, as in its text."""
+_FIELDS = {key: name for name, key in _KEYS.items()}
 
 _Choices = Annotated[list[Any], BeforeValidator(_listed)]
 """What an option is crossed over; the filter, or the tracker, says what it takes."""
@@ -82,17 +86,20 @@ class OcclusionEntry(Settings):
     @model_validator(mode="before")
     @classmethod
     def _text(cls, given: Any) -> Any:
-        return asdict(OcclusionProtocol.parse(given)) if isinstance(given, str) else given
+        if not isinstance(given, str):
+            return given
+        fields_of = asdict(OcclusionProtocol.parse(given))
+        return {_KEYS.get(name, name): value for name, value in fields_of.items()}
 
     @model_validator(mode="after")
     def _known(self) -> "OcclusionEntry":
-        known = [f.name for f in fields(OcclusionProtocol)]
+        known = [_KEYS.get(f.name, f.name) for f in fields(OcclusionProtocol)]
         for name, value in (self.model_extra or {}).items():
             if name not in known:
                 raise ValueError(f"unknown key {name}; expected one of: {', '.join(known)}")
             for one in _listed(value):
-                if isinstance(one, bool) or not isinstance(one, int | None):
-                    raise ValueError(f"{name}: expected a count of frames, or a list of them")
+                if isinstance(one, bool) or not isinstance(one, int):
+                    raise ValueError(f"{name}: expected a number of frames, or a list of them")
         return self
 
 
@@ -157,7 +164,7 @@ def _filters(entry: FilterEntry) -> Iterator[Filter]:
 
 def _protocols(entry: OcclusionEntry) -> Iterator[OcclusionProtocol]:
     for options in _crossed({"kind": entry.kind, **(entry.model_extra or {})}):
-        yield OcclusionProtocol(**options)
+        yield OcclusionProtocol(**{_FIELDS.get(key, key): one for key, one in options.items()})
 
 
 def _crossed(options: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

@@ -347,7 +347,8 @@ def test_options_that_are_lists_are_crossed(tmp_path: Path) -> None:
         "filters:\n"
         "  - {name: md, options: {window: [5, 20], after_gap: keep}}\n"
         "  - {name: ca, as: wide, options: {start_variance: [[2, 100, 8, 8]]}}\n"
-        "occlusions: [{kind: mid, length: [5, 10], warmup: [20, 35]}, none]\n"
+        "occlusions: [{kind: mid, length: [5, 10], warmup: [20, 35]}, none,"
+        " {kind: switch, length: 5, start: [-5, 5], gaps: 2}]\n"
     )
     own = read_sweep(path)
     assert [(one.name, one.estimator) for one in own.filters] == [
@@ -357,7 +358,7 @@ def test_options_that_are_lists_are_crossed(tmp_path: Path) -> None:
     ]
     assert list(map(str, own.occlusions)) == [
         *("mid:5:20", "mid:5:35", "mid:10:20", "mid:10:35"),
-        "none",
+        *("none", "switch:5:35:gaps=2:start=-5", "switch:5:35:gaps=2:start=5"),
     ]
 
 
