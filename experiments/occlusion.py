@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
+import polars as pl
 
 from mdkf.tables import CLUTTER, BoolArray, Detections, IntArray, TableError, Tracks
 
@@ -46,6 +47,10 @@ class Gaps:
         """One for each gap."""
         columns = (self.object_id, self.start, self.stop)
         return list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def to_polars(self) -> pl.DataFrame:
+        """object_id, start and stop of each; `Gaps.of(frame.rows())` makes gaps of it again."""
+        return pl.DataFrame({name: getattr(self, name) for name in ("object_id", "start", "stop")})
 
     def __len__(self) -> int:
         return len(self.object_id)

@@ -28,6 +28,7 @@ from mdkf.columns import (
     reordered,
     row_order,
 )
+from mdkf.summary import Summarised
 
 __all__ = [
     "CLUTTER",
@@ -67,7 +68,7 @@ CLUTTER = -1
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Table:
+class Table(Summarised):
     """Equally long one-dimensional columns over `n_frames` frames of `dt` seconds.
 
     `provenance` says where the rows came from (scenario, seed, source, versions); it travels
@@ -138,13 +139,6 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.frame)
-
-    def __repr__(self) -> str:
-        ids = "" if self.ID is None else f", {len(np.unique(getattr(self, self.ID)))} {self.ID}s"
-        seconds = self.n_frames * self.dt
-        return (
-            f"{type(self).__name__}({len(self)} rows, {self.n_frames} frames, {seconds:g} s{ids})"
-        )
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.content_hash() == other.content_hash()
