@@ -72,7 +72,7 @@ def as_html(
         f'<td style="{_CELL};text-align:left;white-space:normal">{escape(value)}</td></tr>'
         for name, value in told.items()
     )
-    parts = [f"<strong>{escape(title)}</strong>", f"<table>{listed}</table>"]
+    parts = [f"<strong>{escape(title)}</strong>", f'<table style="color:inherit">{listed}</table>']
     if rows:
         names = "".join(
             f'<th style="{_CELL};{_LINE};text-align:right">{escape(name)}</th>' for name in header
@@ -83,8 +83,10 @@ def as_html(
             + "</tr>"
             for row in rows
         )
-        table = f"<table><thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"
-        parts.append(f'<div style="overflow-x:auto">{table}</div>')
+        table = f"<thead><tr>{names}</tr></thead><tbody>{lines}</tbody>"
+        parts.append(
+            f'<div style="overflow-x:auto"><table style="color:inherit">{table}</table></div>'
+        )
     return f"<div>{''.join(parts)}</div>"
 
 
@@ -112,7 +114,7 @@ def _first_rows(table: "Table") -> tuple[list[str], list[list[str]]]:
 
 def _value(value: object) -> str:
     if isinstance(value, float):
-        return "–" if np.isnan(value) else f"{value:.2f}"
+        return "–" if np.isnan(value) else f"{round(value, 2) + 0.0:.2f}"
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
@@ -129,7 +131,7 @@ def _of_trace(table: Any) -> dict[str, str]:
         "objects": f"{objects.sum():,}: " + ", ".join(f"{n} {kind}" for kind, n in kinds if n),
         "regimes": ", ".join(f"{x:.0%} {name.replace('_', ' ')}" for name, x in shares if x)
         + f"; {table.turning.mean():.0%} turning",
-        "distance": _spread(table.sensor_distance(), "m"),
+        "from sensor": _spread(table.sensor_distance(), "m"),
         "visible": f"{full:.0%} in full, {1 - full - hidden:.0%} in part, {hidden:.0%} not at all",
     }
 

@@ -10,6 +10,7 @@ import experiments
 import mdkf
 import sim_bridge
 from experiments.occlusion import Gaps
+from tests.experiments.browser import Browser, needs_browser
 from tests.tables import gaps_of, trace_of, tracks_of
 
 
@@ -39,6 +40,25 @@ def test_a_notebook_shows_scores_and_where_they_come_from(scores: experiments.Sc
     assert "nan" not in told
     assert repr(scores).startswith(f"Scores(hota={scores.summary()['hota']:.4g}, ")
     assert len(repr(scores)) < 120
+
+
+@needs_browser
+@pytest.mark.parametrize("doctype", ["<!DOCTYPE html>", ""])
+@pytest.mark.parametrize(("ink", "paper"), [("rgb(1, 2, 3)", "white"), ("rgb(253, 2, 3)", "#111")])
+def test_a_summary_takes_the_colours_of_the_page(
+    tmp_path: Path, made: Path, doctype: str, ink: str, paper: str
+) -> None:
+    """In light and dark themes all text has the notebook's colour, and nothing a ground of its
+    own; whatever the theme does to every second row."""
+    table = sim_bridge.read_table(made / "tracks.parquet", mdkf.Tracks)._repr_html_()
+    theme = f"body {{ color: {ink}; background: {paper} }} tr:nth-child(even) {{ background: red }}"
+    page_file = tmp_path / "page.html"
+    page_file.write_text(f"{doctype}<meta charset=utf-8><style>{theme}</style>{table}")
+    script = "[...document.querySelectorAll('div *')].map(e => getComputedStyle(e).{})"
+    with Browser(tmp_path) as browser:
+        page = browser.open(page_file)
+        assert set(page.value(script.format("color"))) == {ink}
+        assert set(page.value(script.format("backgroundColor"))) == {"rgba(0, 0, 0, 0)"}
 
 
 def test_gaps_there_and_back() -> None:

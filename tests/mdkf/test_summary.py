@@ -48,7 +48,7 @@ def test_a_trace_by_hand() -> None:
     rows = [(0, 4, 3.0, 4.0), (0, 5, 6.0, 8.0), (0, 900, 0.0, 1.0), (1, 4, 3.0, 4.0)]
     trace = trace_of(rows, 2, visible=[1.0, 0.5, 0.0, 1.0], kind=[0, 0, 2, 0], regime=[0, 1, 1, 1])
     told = trace.describe()
-    assert "objects   3: 2 car, 1 bus" in told
+    assert "objects      3: 2 car, 1 bus" in told
     assert "25% stationary, 75% constant velocity; 0% turning" in told
     assert "1 to 10 m, median 5" in told
     assert "50% in full, 25% in part, 25% not at all" in told
@@ -80,8 +80,8 @@ def test_html_has_the_facts_and_the_first_rows(kind: type[Table], rows: int) -> 
     assert page.names <= {"div", "strong", "table", "thead", "tbody", "tr", "th", "td"}
     assert page.attributes == {"style"}
     for line in table.describe().splitlines()[1:]:
-        name, value = line.split(maxsplit=1)
-        assert name + value in page.text
+        name, value = line.strip().split("  ", maxsplit=1)
+        assert name + value.strip() in page.text
     assert ("yaw" in page.text) == (rows > 0)
 
 
