@@ -248,7 +248,7 @@ def _regime_strip(axes: Axes, trace: Trace, rows: IntArray) -> None:
 
 
 def _shade_object(axes: Axes, trace: Trace, rows: IntArray, in_gap: BoolArray) -> None:
-    _shade(axes, trace, rows, in_gap, "detections removed", _GAP)
+    _shade(axes, trace, rows, in_gap, "gap: no detections", _GAP)
     out_of_view = (trace.visible[rows] < SCORED_VISIBLE) & ~in_gap
     _shade(axes, trace, rows, out_of_view, "hidden from the sensor", _HIDDEN)
 

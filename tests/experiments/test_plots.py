@@ -85,7 +85,7 @@ def test_in_a_gap_the_track_is_followed_wherever_it_goes() -> None:
     figure = error_over_time(trace, {"md": off_by(0.0, gap, drift=0.6)}, 7)
     _, drawn = lines(figure)["md"]
     np.testing.assert_allclose(drawn[30:40], 0.6 * np.arange(1, 11))
-    (shade,) = [p for p in figure.axes[0].patches if p.get_label() == "detections removed"]
+    (shade,) = [p for p in figure.axes[0].patches if p.get_label() == "gap: no detections"]
     extent = shade.get_extents().transformed(figure.axes[0].transData.inverted())
     np.testing.assert_allclose(extent.intervalx, [2.95, 3.95])
     untold = replace(off_by(0.0, gap, drift=0.6), provenance={})
