@@ -246,6 +246,7 @@ class EgoPath(Table):
     yaw: FloatArray
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and unless there is one row in every frame."""
         super().validate()
         if not np.array_equal(self.frame, np.arange(self.n_frames)):
             raise TableError(f"EgoPath: expected one row in each of the {self.n_frames} frames")
@@ -299,6 +300,9 @@ class Trace(Table):
         return np.not_equal(self.kind, WALL)
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and for a visible fraction outside [0, 1], an
+        object_id below 0, and an ego path that is bad or of other frames.
+        """
         super().validate()
         self._refuse((self.visible < 0) | (self.visible > 1), "visible", "in [0, 1]")
         self._refuse(self.object_id < 0, "object_id", "at least 0")
@@ -337,6 +341,7 @@ class Detections(Table):
     source: IntArray
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and for a source below `CLUTTER`."""
         super().validate()
         self._refuse(self.source < CLUTTER, "source", f"an object's id or {CLUTTER}")
 
@@ -371,9 +376,11 @@ class Tracks(Table):
     diagnostics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def columns(self) -> dict[str, NDArray[Any]]:
+        """All columns by name, the diagnostics last."""
         return {**super().columns(), **self.diagnostics}
 
     def take(self, rows: IntArray | BoolArray) -> Self:
+        """The table of some rows and of their diagnostics, as `Table.take`."""
         columns: dict[str, Any] = {c: getattr(self, c)[rows] for c in self.column_types()}
         return replace(
             self, **columns, diagnostics={c: a[rows] for c, a in self.diagnostics.items()}
@@ -386,6 +393,7 @@ class Tracks(Table):
         return super()._may_miss(column)
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and where the covariance is not positive."""
         super().validate()
         with np.errstate(over="ignore", invalid="ignore"):
             determinant = self.cov_xx * self.cov_yy - self.cov_xy**2
