@@ -30,6 +30,8 @@ TRAIL = 2.0
 """Of how long a track's way is shown behind it [s]."""
 MARGIN = 8.0
 """Around what has no sensor [m]."""
+FARTHEST = 1e9
+"""Largest coordinate of a picture [m]: beyond it metres are lost in its numbers."""
 WIDTH, LEAST_HEIGHT, MOST_HEIGHT = 10.0, 3.8, 9.0
 """Size of a picture [inches]."""
 _CLUTTER_COLOUR = "#c2185b"
@@ -56,7 +58,7 @@ def birds_eye(
     60 m around the sensor, or all that there is without a trace.
 
     Raises `TableError` for tables that do not belong together, `IndexError` for a frame that is not
-    there and `ValueError` without any table.
+    there, and `ValueError` without any table and for a view that shows nothing.
     """
     filters = {} if tracks is None else by_name(tracks)
     tables = [table for table in (trace, detections, *filters.values()) if table is not None]
@@ -68,7 +70,7 @@ def birds_eye(
             check_origin(trace, table)
     if frame is not None:
         tables[0].frame_rows(frame)
-    left, right, low, high = view or _view(trace, detections, filters, frame)
+    left, right, low, high = _checked(view or _view(trace, detections, filters, frame))
     height = WIDTH * (high - low) / (right - left) + 1.1
     figure = picture(WIDTH, float(np.clip(height, LEAST_HEIGHT, MOST_HEIGHT)))
     axes = figure.subplots()
@@ -101,7 +103,7 @@ def birds_eye(
 
 def path(ego: EgoPath) -> Picture:
     """The sensor's way from above, and where it begins."""
-    left, right, low, high = _around(ego.x, ego.y, MARGIN, MARGIN)
+    left, right, low, high = _checked(_around(ego.x, ego.y, MARGIN, MARGIN))
     figure = picture(WIDTH, 5.0)
     axes = figure.subplots()
     axes.set(xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
@@ -253,12 +255,29 @@ def _view(
     return _around(x, y, MARGIN, MARGIN)
 
 
+def _checked(view: View) -> View:
+    """The view, if there is something between its ends that a picture can show."""
+    left, right, low, high = view
+    if not (np.abs(view).max() <= FARTHEST and left < right and low < high):
+        raise ValueError(
+            f"the view goes from x = {left:g} to {right:g} m and from y = {low:g} to {high:g} m,"
+            f" expected ascending numbers up to {FARTHEST:g}"
+        )
+    return view
+
+
 def _around(x: FloatArray, y: FloatArray, along: float, across: float) -> View:
     """The points' bounds and so many metres around them, no thin strip."""
     if not len(x):
         return (-along, along, -across, across)
-    left, right, low, high = (x.min() - along, x.max() + along, y.min() - across, y.max() + across)
-    wide = max(right - left, 0.8 * (high - low))
-    tall = max(high - low, 0.3 * (right - left))
-    x0, y0 = (left + right) / 2, (low + high) / 2
-    return x0 - wide / 2, x0 + wide / 2, y0 - tall / 2, y0 + tall / 2
+    with np.errstate(over="ignore", invalid="ignore"):  # `_checked` tells of what comes of it
+        left, right, low, high = (
+            x.min() - along,
+            x.max() + along,
+            y.min() - across,
+            y.max() + across,
+        )
+        wide = max(right - left, 0.8 * (high - low))
+        tall = max(high - low, 0.3 * (right - left))
+        x0, y0 = (left + right) / 2, (low + high) / 2
+        return x0 - wide / 2, x0 + wide / 2, y0 - tall / 2, y0 + tall / 2

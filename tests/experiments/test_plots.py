@@ -232,6 +232,11 @@ def test_what_cannot_be_drawn_is_named() -> None:
         birds_eye(trace, frame=FRAMES)
     with pytest.raises(TableError, match=r"of 60 frames .* beside Trace of 10"):
         birds_eye(straight(10), tracks=tracks)
+    with pytest.raises(ValueError, match=r"from x = 5 to 5 m .* expected ascending numbers"):
+        birds_eye(trace, view=(5.0, 5.0, 0.0, 1.0))
+    for far in (1e12, 1e308):
+        with pytest.raises(ValueError, match="expected ascending numbers up to 1e"):
+            birds_eye(tracks=replace(tracks, x=np.full(FRAMES, -far)), frame=3)
     with pytest.raises(ValueError, match="no object 8, expected one of 7"):
         error_over_time(trace, tracks, 8)
     with pytest.raises(ValueError, match="error_over_time: no tracks"):
