@@ -21,6 +21,8 @@ _COLOURS = {"ca": "#e07b00", "imm": "#2a9d3a", "imm-zero": "#8fce5a", "md": "#1f
 _OTHERS = ("#7b3fb5", "#c2185b", "#00838f", "#6d4c41", "#546e7a")
 FOOTPRINT = ("x", "y", "yaw", "length", "width")
 """What a box is from above."""
+CONFIDENCE_SCALE = float(np.sqrt(-2 * np.log(1 - 0.95)))
+"""Semi-axes of the 95 % ellipse of two dimensions, in standard deviations."""
 
 _CONTEXT = 30
 """Frames before and after a gap that the picture shows."""
@@ -117,12 +119,30 @@ def mean_drift_figure(
     return figure
 
 
-def footprint(x: float, y: float, yaw: float, length: float, width: float) -> FloatArray:
-    """Corners (4, 2) of a box from above [m], from its middle [m], yaw [rad] and size [m]."""
+def footprint(x: Any, y: Any, yaw: Any, length: Any, width: Any) -> FloatArray:
+    """Corners (..., 4, 2) of boxes from above [m], from their middles [m], yaw [rad] and size [m],
+    each (...)."""
+    x, y, yaw, length, width = (np.asarray(a)[..., None] for a in (x, y, yaw, length, width))
+    along = length * np.array([0.5, -0.5, -0.5, 0.5])
+    across = width * np.array([0.5, 0.5, -0.5, -0.5])
     c, s = np.cos(yaw), np.sin(yaw)
-    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
-    corners: FloatArray = half * (length, width) @ np.array([[c, s], [-s, c]]) + (x, y)
-    return corners
+    return np.stack([x + along * c - across * s, y + along * s + across * c], axis=-1)
+
+
+def outlines(table: Trace | Detections | Tracks, rows: Any) -> FloatArray:
+    """Corners of a row's box (4, 2), or of several rows' (n, 4, 2) [m]."""
+    return footprint(*(getattr(table, name)[rows] for name in FOOTPRINT))
+
+
+def confidence_ellipse(
+    xx: FloatArray, xy: FloatArray, yy: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The 95 % ellipses of covariances, each (...) [m2]: larger and smaller semi-axis [m], and
+    angle of the larger one [rad]."""
+    middle, reach = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    major = CONFIDENCE_SCALE * np.sqrt(middle + reach)
+    minor = CONFIDENCE_SCALE * np.sqrt(np.maximum(middle - reach, 0.0))
+    return major, minor, np.arctan2(2 * xy, xx - yy) / 2
 
 
 def _finish_time_axis(axes: Axes, gap_seconds: float) -> None:
@@ -168,7 +188,7 @@ def _draw_above(
     hollow = {"facecolors": "none", "edgecolors": "#999999", "label": "removed detections"}
     axes.scatter(x[removed], y[removed], **hollow, **style)  # type: ignore[arg-type]
     last = own[trace.frame[own] == min(stop, shown[-1]) - 1]
-    corners = [_corners(trace, row) for row in last]
+    corners = [outlines(trace, row) for row in last]
     for box in corners:
         axes.add_patch(Polygon(box, fill=False, linestyle="--", color="black", linewidth=1.2))
     everything = [np.column_stack([trace.x[own], trace.y[own]]), *corners]
@@ -183,8 +203,8 @@ def _draw_above(
             table.x[inside], table.y[inside], color=colour, marker=".", markersize=4, label=name
         )
         for row in inside[-1:]:
-            axes.add_patch(Polygon(_corners(table, row), fill=False, color=colour, linewidth=1.5))
-            everything.append(_corners(table, row))
+            axes.add_patch(Polygon(outlines(table, row), fill=False, color=colour, linewidth=1.5))
+            everything.append(outlines(table, row))
     _frame_view(axes, np.concatenate(everything))
     kind = KINDS[trace.kind[own[0]]]
     axes.set_title(
@@ -200,7 +220,7 @@ def _draw_surroundings(axes: Axes, trace: Trace, object_id: int, frame: int) -> 
     for row in rows[trace.object_id[rows] != object_id]:
         large = trace.height[row] > 2.0
         axes.add_patch(
-            Polygon(_corners(trace, row), color="#9aa3ad" if large else "#d5dade", zorder=0)
+            Polygon(outlines(trace, row), color="#9aa3ad" if large else "#d5dade", zorder=0)
         )
     ego = trace.ego
     axes.plot(ego.x[frame], ego.y[frame], marker="^", color="#c62828", markersize=9, zorder=4)
@@ -226,8 +246,3 @@ def _frame_view(axes: Axes, points: FloatArray) -> None:
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.grid(alpha=0.25)
-
-
-def _corners(table: Trace | Tracks, row: int) -> FloatArray:
-    """Corners (4, 2) of a row's box [m]."""
-    return footprint(*(getattr(table, name)[row] for name in FOOTPRINT))

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 
 from mdkf.tables import BoolArray, IntArray
 
@@ -33,6 +34,10 @@ class Gaps:
         """One for each gap."""
         columns = (self.object_id, self.start, self.stop)
         return list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def to_polars(self) -> pl.DataFrame:
+        """object_id, start and stop of each; `Gaps.of(frame.rows())` makes gaps of it again."""
+        return pl.DataFrame({name: getattr(self, name) for name in ("object_id", "start", "stop")})
 
     def __len__(self) -> int:
         return len(self.object_id)

@@ -12,12 +12,14 @@ from experiments.occlusion import Gaps, OcclusionProtocol
 from experiments.phases import gap_errors
 from experiments.population import GapTruth
 from experiments.states import GospaScores, StateErrors
+from mdkf.summary import ORIGIN, as_html, facts
 from mdkf.tables import Trace, Tracks
 
 PHASES = ("before", "gap", "after")
+_HEADLINE = ("hota", "mota", "idf1", "idsw", "error_gap", "lost")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scores:
     """Scores of one sequence.
 
@@ -29,6 +31,20 @@ class Scores:
     identity: IdentityScores
     matched: Matched
     errors: pl.DataFrame
+
+    def __repr__(self) -> str:
+        told = self.summary()
+        return "Scores(" + ", ".join(f"{name}={told[name]:.4g}" for name in _HEADLINE) + ")"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: where the tracks come from, and the scores that have a value."""
+        origin = facts(self.matched.tracks)
+        told = {name: f"{value:.4g}" for name, value in self.summary().items() if value == value}
+        return as_html("Scores", {name: origin[name] for name in origin if name in ORIGIN} | told)
+
+    def to_polars(self) -> pl.DataFrame:
+        """The summary as a frame of one row, null where there is no value."""
+        return pl.DataFrame([self.summary()]).fill_nan(None)
 
     @property
     def gaps(self) -> Gaps:

@@ -50,15 +50,19 @@ def as_column(table: str, column: str, values: ArrayLike, dtype: np.dtype[Any]) 
         raise TableError(f"{table}: column {column!r} holds {given.dtype}, expected numbers")
     with np.errstate(invalid="ignore"):
         converted = given.astype(dtype, copy=False)
-    if dtype.kind != "f":
-        exact = converted is given or np.array_equal(converted, given)
-    else:
+    back = converted
+    if dtype.kind == "f" and given.dtype.kind in "iu":
         # Beyond 2^53 not every whole number is a float.
         with np.errstate(invalid="ignore"):
-            back = converted.astype(given.dtype) if given.dtype.kind in "iu" else given
-        exact = back is given or np.array_equal(back, given)
-    if not exact:
-        raise TableError(f"{table}: column {column!r} holds values that are no {dtype.name}")
+            back = converted.astype(given.dtype)
+    if back is not given and dtype.kind + given.dtype.kind != "ff":
+        changed = back != given
+        if changed.any():
+            row = int(np.argmax(changed))
+            raise TableError(
+                f"{table}: row {row}: column {column!r} holds values that are no {dtype.name}:"
+                f" {given[row]}"
+            )
     return converted
 
 

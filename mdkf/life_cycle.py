@@ -84,6 +84,7 @@ class Rules(NamedTuple):
 
     @classmethod
     def of(cls, settings: TrackerSettings) -> "Rules":
+        """The rules that these settings set."""
         noise = float(settings.x_var), float(settings.y_var)
         return cls(
             Measure(float(settings.gate), settings.cost == "mahalanobis", noise),

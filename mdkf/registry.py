@@ -93,6 +93,11 @@ def estimator_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*_NAMED, *_plugin_names())))
 
 
+def built_in_name(description: str) -> str | None:
+    """The name of the built-in estimator that a `Tracks` table's provenance describes so."""
+    return next((name for name, built in _BUILT.items() if repr(built) == description), None)
+
+
 def estimator(name: str) -> Estimator:
     """The estimator of a name.
 

@@ -29,6 +29,7 @@ class Report(NamedTuple):
 
     @classmethod
     def empty(cls, rows: int, diagnostics: int) -> "Report":
+        """A report of no rows yet, with room for `rows`, and for so many diagnostics."""
         numbers, flags = np.empty((2, rows), dtype=np.int64), np.empty((2, rows), dtype=np.bool_)
         values = np.empty((len(VALUES) + diagnostics, rows))
         none = np.zeros(1, dtype=np.int64)

@@ -28,6 +28,7 @@ from mdkf.columns import (
     reordered,
     row_order,
 )
+from mdkf.summary import Summarised
 
 __all__ = [
     "CLUTTER",
@@ -67,7 +68,7 @@ CLUTTER = -1
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Table:
+class Table(Summarised):
     """Equally long one-dimensional columns over `n_frames` frames of `dt` seconds.
 
     `provenance` says where the rows came from (scenario, seed, source, versions); it travels
@@ -138,13 +139,6 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.frame)
-
-    def __repr__(self) -> str:
-        ids = "" if self.ID is None else f", {len(np.unique(getattr(self, self.ID)))} {self.ID}s"
-        seconds = self.n_frames * self.dt
-        return (
-            f"{type(self).__name__}({len(self)} rows, {self.n_frames} frames, {seconds:g} s{ids})"
-        )
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.content_hash() == other.content_hash()
@@ -252,6 +246,7 @@ class EgoPath(Table):
     yaw: FloatArray
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and unless there is one row in every frame."""
         super().validate()
         if not np.array_equal(self.frame, np.arange(self.n_frames)):
             raise TableError(f"EgoPath: expected one row in each of the {self.n_frames} frames")
@@ -305,6 +300,9 @@ class Trace(Table):
         return np.not_equal(self.kind, WALL)
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and for a visible fraction outside [0, 1], an
+        object_id below 0, and an ego path that is bad or of other frames.
+        """
         super().validate()
         self._refuse((self.visible < 0) | (self.visible > 1), "visible", "in [0, 1]")
         self._refuse(self.object_id < 0, "object_id", "at least 0")
@@ -343,6 +341,7 @@ class Detections(Table):
     source: IntArray
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and for a source below `CLUTTER`."""
         super().validate()
         self._refuse(self.source < CLUTTER, "source", f"an object's id or {CLUTTER}")
 
@@ -377,9 +376,11 @@ class Tracks(Table):
     diagnostics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def columns(self) -> dict[str, NDArray[Any]]:
+        """All columns by name, the diagnostics last."""
         return {**super().columns(), **self.diagnostics}
 
     def take(self, rows: IntArray | BoolArray) -> Self:
+        """The table of some rows and of their diagnostics, as `Table.take`."""
         columns: dict[str, Any] = {c: getattr(self, c)[rows] for c in self.column_types()}
         return replace(
             self, **columns, diagnostics={c: a[rows] for c, a in self.diagnostics.items()}
@@ -392,6 +393,7 @@ class Tracks(Table):
         return super()._may_miss(column)
 
     def validate(self) -> None:
+        """Raise `TableError` as every table does, and where the covariance is not positive."""
         super().validate()
         with np.errstate(over="ignore", invalid="ignore"):
             determinant = self.cov_xx * self.cov_yy - self.cov_xy**2

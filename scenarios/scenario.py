@@ -196,6 +196,7 @@ class RoutedScenario(SumoScenario):
             raise ScenarioError(f"{self.routes}: {error}; write $$ for a dollar sign") from None
 
     def route_files(self) -> tuple[tuple[Path, str], ...]:
+        """The one route file and its text, parameters filled in; `ScenarioError` as `route_xml`."""
         return ((self.routes, self.route_xml()),)
 
     def _files(self) -> dict[str, Path]:
@@ -235,16 +236,20 @@ class ConfiguredScenario(SumoScenario):
 
     @property
     def begin(self) -> float:
+        """When the configuration begins [s]."""
         return self.configuration.begin
 
     @property
     def options(self) -> Mapping[str, str]:
+        """The options of the configuration that decide how traffic flows."""
         return self.configuration.options
 
     def route_files(self) -> tuple[tuple[Path, str], ...]:
+        """The route files of the configuration and their texts, in its order."""
         return tuple((path, _read_text(path)) for path in self.configuration.routes)
 
     def additional_files(self) -> tuple[tuple[Path, str], ...]:
+        """The additional files of the configuration and their texts, in its order."""
         return tuple((path, _read_text(path)) for path in self.configuration.additional)
 
     def _files(self) -> dict[str, Path]:

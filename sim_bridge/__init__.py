@@ -2,10 +2,11 @@
 
 `kitti_trace` and `kitti_detections` read recorded KITTI data into the same tables; a scenario
 `kitti-0001` and a detector `recorded:pointrcnn` do so through `simulate` and `detect`. `read_table`
-and `write_table` carry the tables to Parquet files and back; a `TraceCache` simulates only what it
-does not have.
+and `write_table` carry the tables to Parquet files and back, `to_polars` and `from_polars` to data
+frames; a `TraceCache` simulates only what it does not have.
 """
 
+from sim_bridge.data_frame import from_polars, to_polars
 from sim_bridge.detect import detect
 from sim_bridge.kitti import kitti_detections, kitti_trace
 from sim_bridge.kitti_files import KittiError
@@ -27,6 +28,7 @@ __all__ = [
     "check_inputs",
     "detect",
     "detector_name",
+    "from_polars",
     "is_recorded",
     "kitti_detections",
     "kitti_trace",
@@ -34,6 +36,7 @@ __all__ = [
     "profile_names",
     "read_table",
     "simulate",
+    "to_polars",
     "user_cache",
     "write_table",
 ]

@@ -14,15 +14,14 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
 import polars as pl
 
 from mdkf.tables import Detections, EgoPath, Table, TableError, Trace, Tracks
+from sim_bridge.data_frame import AnyTable, from_polars, to_polars
 
 SCHEMA_VERSION = 1
-EGO = "ego"
 _TABLES: dict[str, type[Table]] = {t.__name__: t for t in (Trace, EgoPath, Detections, Tracks)}
 _KEY = "mdkf"
 _HEADER: Mapping[str, tuple[type, ...]] = {
@@ -35,19 +34,11 @@ _HEADER: Mapping[str, tuple[type, ...]] = {
 }
 _SEAL = '"sha256" '  # what the seal begins with: in no JSON stands a space after a name
 _NO_DIGEST = "0" * 64
-_EGO_COLUMNS = ("frame", "x", "y", "z", "yaw")
-
-AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 def write_table(table: Table, path: str | Path) -> None:
     """Write a table; the file appears whole or not at all. `OSError` names what went wrong."""
-    data = _to_frame(table)
-    if isinstance(table, Trace):
-        ego = _to_frame(table.ego).with_columns(
-            pl.lit(EGO).alias("kind"), pl.lit(-1, dtype=pl.Int64).alias("object_id")
-        )
-        data = pl.concat([data, ego], how="diagonal")
+    data = to_polars(table, ego=True)
     header = {
         "table": type(table).__name__,
         "schema": SCHEMA_VERSION,
@@ -77,7 +68,7 @@ def read_table(path: str | Path, expected: type[AnyTable]) -> AnyTable:
         held = header["table"] if header["table"] in _TABLES else "no table of mdkf's"
         raise TableError(f"{path}: holds {held}, expected {expected.__name__}")
     try:
-        table = _from_frame(expected, header, data)
+        table = _table_of(expected, header, data)
     except (
         *(KeyError, TypeError, ValueError, OverflowError, MemoryError),
         pl.exceptions.PolarsError,
@@ -207,46 +198,15 @@ def _read(path: Path) -> tuple[Mapping[str, Any], pl.DataFrame]:
     return header, data
 
 
-def _to_frame(table: Table) -> pl.DataFrame:
-    columns: dict[str, pl.Series] = {}
-    for name, array in table.columns().items():
-        names = table.CODED.get(name)
-        values = array if names is None else np.array(names, dtype=np.str_)[array]
-        columns[name] = pl.Series(name, values)
-        if names is not None:
-            columns[name] = columns[name].cast(pl.String)
-    return pl.DataFrame(columns)
-
-
-def _from_frame(kind: type[AnyTable], header: Mapping[str, Any], data: pl.DataFrame) -> AnyTable:
-    common: dict[str, Any] = {
-        "n_frames": header["n_frames"],
-        "dt": header["dt"],
-        "provenance": {str(k): str(v) for k, v in header["provenance"].items()},
-    }
-    others: dict[str, Any] = dict(common)
-    if kind is Trace:
-        ego = data.filter(pl.col("kind") == EGO).select(_EGO_COLUMNS)
-        data = data.filter(pl.col("kind") != EGO)
-        others["ego"] = EgoPath.from_columns(_arrays(EgoPath, ego), **common)
-    if kind is Tracks:
-        diagnostics = header["diagnostics"]
-        others["diagnostics"] = {c: data[c].to_numpy() for c in diagnostics}
-        data = data.drop(diagnostics)
-    return kind.from_columns(_arrays(kind, data), **others)
-
-
-def _arrays(kind: type[Table], data: pl.DataFrame) -> dict[str, Any]:
-    arrays: dict[str, Any] = {}
-    for name in data.columns:
-        column = data[name]
-        if names := kind.CODED.get(name):
-            codes = {n: code for code, n in enumerate(names)}
-            if strange := sorted(set(column.unique()) - codes.keys(), key=str):
-                raise TableError(f"column {name!r} holds {strange[0]!r}, expected one of {names}")
-            column = column.replace_strict(codes, return_dtype=pl.UInt8)
-        arrays[name] = column.to_numpy()
-    return arrays
+def _table_of(kind: type[AnyTable], header: Mapping[str, Any], data: pl.DataFrame) -> AnyTable:
+    return from_polars(
+        kind,
+        data,
+        n_frames=header["n_frames"],
+        dt=header["dt"],
+        provenance={str(k): str(v) for k, v in header["provenance"].items()},
+        diagnostics=header["diagnostics"] if kind is Tracks else None,
+    )
 
 
 def _short(value: object) -> str:

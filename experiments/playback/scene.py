@@ -9,14 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.figures import colours, line_style
+from experiments.figures import colours, confidence_ellipse, line_style
 from experiments.occlusion import Gaps
 from experiments.phases import gap_errors
 from experiments.population import MATCH_DISTANCE, SCORED_VISIBLE
 from mdkf.tables import KINDS, REGIMES, Detections, FloatArray, IntArray, Trace, Tracks
-
-CONFIDENCE_SCALE = float(np.sqrt(-2 * np.log(1 - 0.95)))
-"""Semi-axes of the 95 % ellipse of two dimensions, in standard deviations."""
 
 DRAWN, TOLD = 3, 6
 """Decimals: a picture needs millimetres; a number is rounded once more as it is shown."""
@@ -34,7 +31,7 @@ CLOSE_UP = 4.5, 10.0
 """From the object to the upper and lower edge of the close-up [m]: at least, and at most."""
 
 _INNOVATION = ("innovation_", "nis")
-"""Diagnostics that are not shown: there are none of them in a gap."""
+"""Beginnings of diagnostics that are not shown: there are none of them in a gap."""
 
 
 def scene(
@@ -103,21 +100,25 @@ def estimates(
         _row_of(tracks, followed, *one) for one in zip(played, own["x"], own["y"], strict=True)
     )
     rows = np.array([row for row in by_frame if row is not None], dtype=np.int64)
-    diagnostics = [name for name in tracks.diagnostics if not name.startswith(_INNOVATION)]
+    diagnostics = inner_diagnostics(tracks)
     names = ("track_id", "x", "y", "yaw", "length", "width", "vx", "vy", "coasted")
     shape = ("cov_xx", "cov_xy", "cov_yy")
     found = _by_frame(tracks, rows, played, *names, *shape, *diagnostics)
-    xx, xy, yy = (found[name] for name in shape)
-    middle, reach = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    major, minor, angle = confidence_ellipse(*(found[name] for name in shape))
     return {
         **{name: found[name] for name in names},
-        "major": CONFIDENCE_SCALE * np.sqrt(middle + reach),
-        "minor": CONFIDENCE_SCALE * np.sqrt(np.maximum(middle - reach, 0.0)),
-        "angle": np.arctan2(2 * xy, xx - yy) / 2,
+        "major": major,
+        "minor": minor,
+        "angle": angle,
         "error": np.hypot(found["x"] - own["x"], found["y"] - own["y"]),
         "followed": followed,
         "diagnostics": {name: found[name] for name in diagnostics},
     }
+
+
+def inner_diagnostics(tracks: Tracks) -> list[str]:
+    """Names of the diagnostics that have a value in every frame: weights, mode probabilities."""
+    return [name for name in tracks.diagnostics if not name.startswith(_INNOVATION)]
 
 
 def played_frames(trace: Trace, gap: tuple[int, int], frames: range | None = None) -> range:

@@ -128,6 +128,7 @@ def inferred(told: Mapping[str, FloatArray]) -> IntArray:
 
 
 def truth_of(trace: Trace, occluded: Detections, gaps: Gaps, length: int) -> Truth:
+    """The truth of a trace's rows; length: of the gaps, past which nothing counts [frames]."""
     kind = kinds(trace)
     states = {
         task: np.select([np.isin(kind, active), np.isin(kind, quiet)], [1, 0], -1)
