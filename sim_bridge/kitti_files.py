@@ -129,8 +129,9 @@ def read_results(path: Path, n_frames: int) -> tuple[IntArray, CameraBoxes]:
     frames; an empty file holds none."""
     table = _Table.read(path, _RESULT, words=("type",))
     table.whole("frame", 0, n_frames - 1)
-    boxes = table.objects({*OBJECTS, *OTHERS} - {UNLABELLED})
-    return boxes.refuse_repeated("track_id"), boxes.boxes("score")
+    objects = table.objects({*OBJECTS, *OTHERS} - {UNLABELLED})
+    boxes = objects.boxes("score")
+    return objects.refuse_repeated("track_id"), boxes
 
 
 def read_poses(path: Path, n_frames: int) -> tuple[FloatArray, FloatArray]:
