@@ -361,10 +361,11 @@ class Tracks(Table):
 
     ID = "track_id"
     POSITIVE = ("length", "width", "height")
+    BOX: ClassVar[tuple[str, ...]] = ("z", "yaw", "length", "width", "height")
     UNKNOWN: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("vx", "vy"),
         ("cov_xx", "cov_xy", "cov_yy"),
-        ("z", "yaw", "length", "width", "height"),
+        BOX,
     )
     """Columns that are known together or not at all, row by row."""
 

@@ -7,7 +7,7 @@ names the file and, where there is one, its line.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,9 @@ OBJECTS = ("Car", "Van")
 
 UNLABELLED = "DontCare"
 """Type of an area in which nothing is labelled, whatever is there."""
+
+UNKNOWN_ROTATION = -10.0
+"""KITTI's ry of what has no known direction [rad]."""
 
 OTHERS = ("Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", UNLABELLED)
 """KITTI's other types; their rows are passed over."""
@@ -105,6 +108,7 @@ def read_labels(path: Path, n_frames: int) -> CameraBoxes:
     table.sorted_frames(n_frames)
     objects = table.objects()
     objects.refuse_repeated("track_id")
+    objects.refuse_sizes()
     return objects.boxes("track_id")
 
 
@@ -121,17 +125,29 @@ def read_detections(path: Path, n_frames: int) -> CameraBoxes:
     """The detected cars and vans of a sequence; an empty file holds none."""
     table = _Table.read(path, _DETECTION, words=("type",))
     table.sorted_frames(n_frames)
-    return table.objects().boxes("score")
+    objects = table.objects()
+    objects.refuse_sizes()
+    return objects.boxes("score")
 
 
-def read_results(path: Path, n_frames: int) -> tuple[IntArray, CameraBoxes]:
+def read_results(path: Path, n_frames: int) -> tuple[IntArray, CameraBoxes, BoolArray]:
     """Track ids (n,) and boxes of a tracker's results, of all types but `DontCare`, in any order of
-    frames; an empty file holds none."""
+    frames, and which boxes (n,) are known; an empty file holds none.
+
+    Of a row whose ry is `UNKNOWN_ROTATION` only the place is known, whatever stands in its other
+    columns: RobMOT writes such rows. Its sizes are 0.
+    """
     table = _Table.read(path, _RESULT, words=("type",))
     table.whole("frame", 0, n_frames - 1)
     objects = table.objects({*OBJECTS, *OTHERS} - {UNLABELLED})
+    known = objects.column("ry") != UNKNOWN_ROTATION
+    objects.take(known).refuse_sizes()
     boxes = objects.boxes("score")
-    return objects.refuse_repeated("track_id"), boxes
+    height, width, length = (
+        np.where(known, size, 0.0) for size in (boxes.height, boxes.width, boxes.length)
+    )
+    boxes = replace(boxes, height=height, width=width, length=length)
+    return objects.refuse_repeated("track_id"), boxes, known
 
 
 def read_poses(path: Path, n_frames: int) -> tuple[FloatArray, FloatArray]:
@@ -191,9 +207,13 @@ class _Table(TextTable):
         """Left, top, right, bottom (n, 4) in the picture [px]."""
         return np.column_stack([self.column(name) for name in ("x1", "y1", "x2", "y2")])
 
-    def boxes(self, last: str) -> CameraBoxes:
+    def refuse_sizes(self) -> None:
+        """Refuse a box without a size."""
         for name in "hwl":
             self.refuse(self.column(name) <= 0.0, name, "a size above 0 m")
+
+    def boxes(self, last: str) -> CameraBoxes:
+        """The rows' boxes; last: the column that becomes the boxes' `last`."""
         return CameraBoxes(
             line=self.line,
             frame=self.column("frame").astype(np.int64),

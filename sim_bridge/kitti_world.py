@@ -2,6 +2,7 @@
 
     label_02, calib, pose, oxts /SSSS.txt     truth, and the sensor (`sim_bridge.virtual_camera`)
     detections/DETECTOR/SSSS.txt              as RobMOT reads them
+    robmot/kitti/LiDAR/training/              calib and pose as RobMOT reads them
     ab3dmot/DETECTOR_Car_val/SSSS.txt         as AB3DMOT reads them
     tracks/NAME/data/SSSS.txt                 as trackers write them and TrackEval reads them
     evaluate_tracking.seqmap.training, .val   the sequences
@@ -37,7 +38,13 @@ from sim_bridge.kitti_files import SEQUENCES, UNLABELLED
 from sim_bridge.kitti_image import DECIMALS, Camera, PictureBoxes
 from sim_bridge.kitti_rig import file_of
 from sim_bridge.kitti_writing import place, rows, write_boxes, write_text
-from sim_bridge.virtual_camera import calibration_text, oxts_text, poses_text, virtual_camera
+from sim_bridge.virtual_camera import (
+    calibration_text,
+    oxts_text,
+    poses_text,
+    robmot_calibration_text,
+    virtual_camera,
+)
 
 TYPES: Mapping[str, str] = {
     "car": "Car",
@@ -83,6 +90,9 @@ def write_kitti_world(
     ego, camera = trace.ego, virtual_camera(trace.ego)
     write_text(place(file_of(out, "calib", sequence)), calibration_text())
     write_text(place(file_of(out, "pose", sequence)), poses_text(ego))
+    robmot = out / "robmot" / "kitti" / "LiDAR" / "training"
+    write_text(place(file_of(robmot, "calib", sequence)), robmot_calibration_text())
+    write_text(place(file_of(robmot, "pose", sequence)), poses_text(ego))
     write_text(place(file_of(out, "oxts", sequence)), oxts_text(ego))
     write_text(place(file_of(out, "label_02", sequence)), _labels(trace, camera, reach))
     for name, found in detections.items():

@@ -4,6 +4,7 @@ KITTI's (`frame id type truncated occluded alpha x1 y1 x2 y2 h w l x y z ry scor
 boxes in the axes of the camera of their frame, MOTChallenge's (`frame,id,left,top,w,h,conf` and up
 to three columns more, commas) rectangles in the picture from above (`sim_bridge.mot`). Neither
 tells velocities, covariances or which frames were coasted: `Tracks` says that they are unknown.
+Nor are heights, headings and sizes known from above, or of a KITTI row whose ry is -10 (RobMOT's).
 """
 
 import hashlib
@@ -62,14 +63,17 @@ def read_results(
 
 def _from_kitti(path: Path, trace: Trace, root: Path) -> dict[str, Any]:
     """Columns that KITTI's files tell."""
-    track_id, boxes = read_kitti(path, trace.n_frames)
+    track_id, boxes, known = read_kitti(path, trace.n_frames)
     if trace.provenance.get("source") == "kitti":
         sequence = trace.provenance["scenario"].removeprefix(PREFIX)
         rig = Rig.read(root, sequence, trace.n_frames)
     else:
         rig = virtual_camera(trace.ego).rig
     told = {"frame": boxes.frame, "track_id": track_id, "score": boxes.last}
-    return {**told, **rig.world_boxes(boxes)}
+    columns = rig.world_boxes(boxes)
+    for name in Tracks.BOX:
+        columns[name] = np.where(known, columns[name], np.nan)
+    return {**told, **columns}
 
 
 def _from_mot(path: Path, trace: Trace) -> dict[str, Any]:

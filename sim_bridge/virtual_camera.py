@@ -56,6 +56,19 @@ def calibration_text() -> str:
     return "".join(f"{key}: {_numbers(values)}\n" for key, values in entries.items())
 
 
+def robmot_calibration_text() -> str:
+    """The same with the names that KITTI's own files have and RobMOT looks for, which are without a
+    colon."""
+    text = calibration_text()
+    for name, own in (
+        ("R0_rect:", "R_rect"),
+        ("Tr_velo_to_cam:", "Tr_velo_cam"),
+        ("Tr_imu_to_velo:", "Tr_imu_velo"),
+    ):
+        text = text.replace(name, own)
+    return text
+
+
 def poses_text(ego: EgoPath) -> str:
     """`pose/SSSS.txt`: LiDAR -> world in every frame. The world is the trace's, but for its height:
     recordings have the road at -`SENSOR_HEIGHT`."""

@@ -109,7 +109,8 @@ def kitti(root: Path) -> dict[str, Any]:
 def ours_in_the_picture(root: Path, name: str, sequence: str) -> Sequence:
     """KITTI's rules, from the files."""
     labels = Labels.read(root, sequence, 100)
-    ids, rows = read_results(root / "tracks" / name / "data" / f"{sequence}.txt", 100)
+    ids, rows, known = read_results(root / "tracks" / name / "data" / f"{sequence}.txt", 100)
+    assert known.all()
     ones = np.ones(len(ids))
     boxes = PictureBoxes(
         np.arange(len(ids)),

@@ -90,6 +90,26 @@ def test_ab3dmot_reads_the_same_detections(world: tuple[Trace, Detections, Path]
     assert_array_equal(theirs, np.hstack([columns[0], kind, picture, scores, space, columns[1]]))
 
 
+def after(words: list[str], name: str, count: int) -> FloatArray:
+    """The numbers that follow a name among a file's words."""
+    begin = words.index(name) + 1
+    return np.array(words[begin : begin + count], dtype=float)
+
+
+def test_robmot_finds_the_same_camera_and_poses(world: tuple[Trace, Detections, Path]) -> None:
+    """It looks for words, `P2:`, `R_rect` and `Tr_velo_cam`, and for a frame's number among those
+    of its poses, each with twelve more."""
+    trace, _, out = world
+    folder = out / "robmot" / "kitti" / "LiDAR" / "training"
+    words = (folder / "calib" / "0000.txt").read_text().split()
+    assert_array_equal(after(words, "P2:", 12).reshape(3, 4), PROJECTION)
+    assert_array_equal(after(words, "R_rect", 9).reshape(3, 3), np.eye(3))
+    assert_array_equal(after(words, "Tr_velo_cam", 12).reshape(3, 4), MOUNTING)
+    poses = (folder / "pose" / "0000.txt").read_text().split()
+    assert poses[::13] == [str(k) for k in range(trace.n_frames)]
+    assert (folder / "pose" / "0000.txt").read_text() == (out / "pose" / "0000.txt").read_text()
+
+
 def poses_by_the_devkit(text: str) -> FloatArray:
     """Poses (n, 4, 4) relative to the first, as KITTI's `convertOxtsToPose` has them."""
     radius, poses = 6378137.0, []

@@ -137,6 +137,20 @@ def test_by_hand(tmp_path: Path) -> None:
     assert np.isnan([back.z[0], back.yaw[0], back.length[0], back.vx[0], back.cov_xx[0]]).all()
 
 
+def test_robmots_rows_tell_places_alone(tmp_path: Path) -> None:
+    """As its program writes them: world x, y and -1 where sizes belong, ry -10, six digits. The
+    place is the box's; size, heading and height are not known, and nothing is made of them."""
+    trace = trace_of([(0, 1, 20.0, 0.0)], 5)
+    path = tmp_path / "0000.txt"
+    row = "3 7 Car -1 -1 0 608 173 609 175 -20.27 -2 -1 2 1.6 20 -10 8.5"
+    path.write_text(f"{row}\n{KITTI.replace('3 7', '3 8')}\n")
+    back = read_results(path, trace)
+    assert_allclose([back.x, back.y], [[20.27] * 2, [-2.0] * 2])
+    for name in ("z", "yaw", "length", "width", "height"):
+        assert np.isnan(getattr(back, name)).tolist() == [True, False]
+    assert not back.knows_boxes()
+
+
 def test_all_types_count_but_areas_and_no_row_is_no_track(tmp_path: Path) -> None:
     """A tracker of several classes; rows in any order of frames; an empty file."""
     trace = trace_of([(0, 1, 20.0, 0.0)], 5)
