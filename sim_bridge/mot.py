@@ -31,8 +31,8 @@ SPLIT = f"{BENCHMARK}-train"
 PIXELS_PER_METRE = 10.0
 
 MARGIN = 150.0
-"""Of the picture around the sensor's path [m], beyond any detector's reach. Truth that is farther
-away from the sensor is left out."""
+"""Of the picture around the sensor's path [m], beyond any detector's reach. What of the truth is
+farther away has rectangles beyond the picture's edges."""
 
 COUNTS, DISTRACTOR = 1, 8
 """Classes of what counts and of what is ignored."""
@@ -108,7 +108,7 @@ def write_mot_world(
     where a file cannot be written.
     """
     picture, folder = BirdPicture.of(trace.ego), out / SPLIT / sequence
-    users = np.flatnonzero(trace.road_users() & (trace.sensor_distance() <= MARGIN))
+    users = np.flatnonzero(trace.road_users())
     truth, counted = trace.take(users), counts[users]
     classes = np.where(counted, COUNTS, DISTRACTOR)
     ends = np.column_stack([truth.visible, truth.x, truth.y, truth.z])

@@ -41,9 +41,9 @@ def read_results(
     told = trace.provenance if detections is None else detections.provenance
     if detections is not None and told.get("trace") != trace.content_hash():
         raise TableError("the detections come from another trace (its content hash differs)")
-    content = lines(path)
-    columns = _from_mot(path, trace) if any("," in line for line in content[:1]) else None
-    if columns is None:
+    if any("," in line for line in lines(path)[:1]):
+        columns = _from_mot(path, trace)
+    else:
         columns = _from_kitti(path, trace, Path(root or kitti_root()))
     n = len(columns["frame"])
     unknown = {name: np.full(n, np.nan) for names in Tracks.UNKNOWN for name in names}

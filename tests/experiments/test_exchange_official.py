@@ -35,7 +35,7 @@ from experiments.metrics import (
     image_iou,
     sequence_from_matrices,
 )
-from mdkf import Trace, Tracker, estimator
+from mdkf import Trace, Tracker, Tracks, estimator
 from mdkf.tables import FloatArray
 from sim_bridge.kitti_files import read_results
 from sim_bridge.kitti_image import PictureBoxes
@@ -132,6 +132,34 @@ def test_kittis_scorer_gives_our_scores(exported: Path) -> None:
         assert_same(found, sequences)
         counts = found["COMBINED_SEQ"]["CLEAR"]
         assert min(counts["CLR_TP"], counts["CLR_FN"], counts["CLR_FP"]) > 0
+
+
+def truth_as_tracks(trace: Trace) -> Tracks:
+    """A tracker that knows all: every road user in every frame, wherever it is."""
+    users = trace.take(trace.road_users())
+    columns = {
+        name: users.columns().get(name, np.zeros(len(users))) for name in Tracks.column_types()
+    }
+    columns |= {"track_id": users.object_id, "score": np.ones(len(users))}
+    columns |= {"cov_xx": np.ones(len(users)), "cov_yy": np.ones(len(users))}
+    return Tracks.from_columns(columns, n_frames=trace.n_frames, dt=trace.dt)
+
+
+def test_who_knows_the_truth_is_perfect(exported: Path, tmp_path: Path) -> None:
+    """By both official scorers, whatever is behind the camera, far away, hidden, a bus or a
+    bicycle: none of it is missed or false, and its cars are all hits."""
+    trace = sim_bridge.read_table(exported / "mot" / "worlds" / "0000" / "trace.parquet", Trace)
+    for layout in ("kitti", "mot"):
+        world = World(trace, None, {"truth": truth_as_tracks(trace)})
+        Folder(tmp_path / layout, layout).add(world)  # type: ignore[arg-type]
+    told = {"GT_FOLDER": str(tmp_path / "mot"), **QUIET, "BENCHMARK": "mdkf"}
+    dataset = MotChallenge2DBox({**told, "TRACKERS_FOLDER": str(tmp_path / "mot" / "trackers")})
+    from_above = official(dataset, "pedestrian", tmp_path / "mot")
+    for found in (kitti(tmp_path / "kitti"), from_above):
+        scores = found["truth"]["COMBINED_SEQ"]
+        assert_allclose(scores["HOTA"]["HOTA"], 1.0, rtol=0, atol=1e-12)
+        assert (scores["CLEAR"]["CLR_FN"], scores["CLEAR"]["CLR_FP"]) == (0, 0)
+        assert scores["CLEAR"]["CLR_TP"] > 100
 
 
 def without(folder: Path, unwanted: Any) -> None:

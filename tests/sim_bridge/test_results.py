@@ -246,3 +246,28 @@ def test_a_recorded_worlds_results_are_in_its_own_cameras_axes(tmp_path: Path) -
     tracks = read_results(path, kitti_trace(root, "0003"), root=root)
     for name in ("frame", "x", "y", "z", "yaw", "length", "width", "height", "score"):
         assert_array_equal(getattr(tracks, name), getattr(detected, name), err_msg=name)
+
+
+@pytest.mark.parametrize("row", [KITTI, MOT])
+def test_no_file_is_a_surprise(tmp_path: Path, row: str) -> None:
+    """Four rows with one or two words replaced at random by others: tracks that hold their
+    contract, or one line that names the file."""
+    rng, mark = np.random.default_rng(5), "," if "," in row else " "
+    words = ["nan", "-inf", "1e9", "-1e9", "1e10", "0", "-0", "-1", "-10", "4", "5", "2.5", "Car"]
+    words += ["", "0x1", "1e-300", "Van", "\u0663", "\t", "\n", "9" * 30, mark]
+    trace = trace_of([(0, 1, 20.0, 0.0)], 5)
+    path = tmp_path / "0000.txt"
+    read, told = 0, list[str]()
+    for _ in range(400):
+        rows = [replaced(row, 1, str(k)).split(mark) for k in range(4)]
+        for _ in range(rng.integers(1, 3)):
+            line = rows[rng.integers(len(rows))]
+            line[rng.integers(len(line))] = words[rng.integers(len(words))]
+        path.write_text("".join(f"{mark.join(line)}\n" for line in rows), encoding="utf-8")
+        try:
+            read_results(path, trace).validate()
+            read += 1
+        except KittiError as error:
+            told.append(str(error))
+    assert min(read, len(told)) > 40
+    assert all(line.startswith(f"{path}: ") and "\n" not in line for line in told)
