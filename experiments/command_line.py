@@ -7,7 +7,7 @@ import json
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from importlib.metadata import version
@@ -27,7 +27,8 @@ from experiments import terminal
 from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
 from experiments.engine import RunFailed
-from experiments.kitti.command import export, kitti
+from experiments.exchange.command import export, import_results
+from experiments.kitti.command import kitti
 from experiments.options import (
     OCCLUSIONS,
     GapTruth,
@@ -37,6 +38,7 @@ from experiments.options import (
     chosen_filters,
     chosen_gap_truth,
     chosen_occlusion,
+    chosen_parameters,
     chosen_rules,
     simulated,
 )
@@ -211,7 +213,7 @@ def simulate(
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
     with busy(f"simulating {name}"):
-        trace = simulated(scenarios.load(name, **_parameters(parameters)), seed, no_cache, dt)
+        trace = simulated(scenarios.load(name, **chosen_parameters(parameters)), seed, no_cache, dt)
     _write(trace, out)
 
 
@@ -279,7 +281,12 @@ app.command(
     name="check-detector", epilog="Example: mdkf check-detector pointrcnn --root KITTI --split val"
 )(check_detector)
 app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
-app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
+app.command(epilog="Example: mdkf export stop_and_go --seeds 3 --format kitti --out worlds")(export)
+app.command(
+    name="import",
+    epilog="Example: mdkf import 0000.txt --trace worlds/worlds/0000/trace.parquet --out"
+    " tracks.parquet",
+)(import_results)
 app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
 app.command(epilog="Example: mdkf sweep lengths.yaml --out out --workers 2")(sweep)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
@@ -302,20 +309,6 @@ def _settings(name: str) -> str:
             f"no tracker settings for {name!r}; choose with --settings one of: {known}"
         )
     return name
-
-
-def _parameters(settings: list[str] | None) -> Mapping[str, float]:
-    """Parameters from NAME=VALUE."""
-    parsed: dict[str, float] = {}
-    for setting in settings or []:
-        name, separator, value = setting.partition("=")
-        try:
-            if not separator:
-                raise ValueError
-            parsed[name] = float(value)
-        except ValueError:
-            raise typer.BadParameter(f"{setting!r}, expected NAME=NUMBER") from None
-    return parsed
 
 
 @contextmanager

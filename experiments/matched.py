@@ -73,6 +73,8 @@ def matched(
     check_origin(trace, tracks)
     if similarity not in get_args(Similarity):
         raise ValueError(f"similarity {similarity!r}, expected one of {get_args(Similarity)}")
+    if similarity != "centre" and not tracks.knows_boxes():
+        raise TableError(f"the tracks have no sizes: similarity {similarity!r} needs them")
     gaps = recorded_gaps(tracks, occlusion)
     kept = population(trace, tracks, gaps, gap_truth)
     sequence = sequence_of(trace, tracks, kept.truth, kept.tracks, similarity)

@@ -182,8 +182,8 @@ class OcclusionProtocol:
         return replace(kept, provenance=provenance)
 
 
-def recorded_gaps(tracks: Tracks, expected: OcclusionProtocol | None = None) -> Gaps:
-    """The gaps that were applied to the detections behind these tracks.
+def recorded_gaps(tracks: Detections | Tracks, expected: OcclusionProtocol | None = None) -> Gaps:
+    """The gaps that were applied to detections, or to those behind tracks.
 
     Raises `TableError` if the tracks tell of another protocol than the expected one, or of gaps
     that cannot be read.
@@ -192,6 +192,11 @@ def recorded_gaps(tracks: Tracks, expected: OcclusionProtocol | None = None) -> 
     if expected is not None and str(expected) != protocol:
         raise TableError(f"the tracks come from occlusion {protocol}, expected {expected}")
     return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not protocol.startswith("late"))
+
+
+def recorded_protocol(detections: Detections) -> str:
+    """The protocol that was applied to detections; `TableError` as `recorded_gaps`."""
+    return _told(detections.provenance)[0]
 
 
 def _settings(text: str) -> dict[str, Any]:

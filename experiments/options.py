@@ -1,7 +1,8 @@
-"""What several commands share: options and what they mean, a spinner, and simulated worlds."""
+"""What several commands share: options and what they mean, a spinner and a bar, and simulated
+worlds."""
 
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import mdkf
 import sim_bridge
@@ -75,6 +77,20 @@ def chosen_rules(name: str, given: Sequence[str]) -> TrackerSettings:
         raise typer.BadParameter(f"{where}: {told}" if where else told) from None
 
 
+def chosen_parameters(given: Sequence[str] | None) -> Mapping[str, float]:
+    """A scenario's parameters from NAME=VALUE; refuses what is none."""
+    parsed: dict[str, float] = {}
+    for text in given or ():
+        name, separator, value = text.partition("=")
+        try:
+            if not separator:
+                raise ValueError
+            parsed[name] = float(value)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r}, expected NAME=NUMBER") from None
+    return parsed
+
+
 def chosen_occlusion(text: str) -> OcclusionProtocol:
     """The occlusion protocol of a text; refuses what is none."""
     try:
@@ -94,3 +110,15 @@ def busy(what: str) -> Any:
     """A context in which a terminal shows that something is being done."""
     console = Console(stderr=True)
     return console.status(what) if console.is_terminal else nullcontext()
+
+
+@contextmanager
+def progress_of(total: int, begin: str) -> Iterator[Callable[[str], None]]:
+    """A bar on a terminal, moved on by telling what was done last."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(begin, total=total)
+        yield lambda done: bar.update(task, advance=1, description=done)

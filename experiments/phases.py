@@ -45,14 +45,19 @@ def gap_errors(trace: Trace, tracks: Tracks, gaps: Gaps) -> pl.DataFrame:
 
     A gap whose object no track follows has track_id -1 and no errors. `captured`: in the gap the
     track took a detection, which cannot be its object's. `deleted`: it ended before the gap did.
-    `recovered`: at the end of the window it is with its object, and has been detected since.
+    `recovered`: at the end of the window it is with its object, and has been detected since. Both
+    are null where the tracks do not tell which frames they coasted.
     """
     every = (_one_gap(trace, tracks, gaps, k) for k in range(len(gaps)))
     parts = [part for part in every if part is not None]
     if not parts:
         return pl.DataFrame(schema=SCHEMA)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in SCHEMA}
-    return pl.DataFrame(columns, schema=SCHEMA).with_columns(pl.col("error").fill_nan(None))
+    errors = pl.DataFrame(columns, schema=SCHEMA).with_columns(pl.col("error").fill_nan(None))
+    if tracks.knows_coasting:
+        return errors
+    unknown = pl.lit(None, dtype=pl.Boolean)
+    return errors.with_columns(captured=unknown, recovered=unknown)
 
 
 def _one_gap(trace: Trace, tracks: Tracks, gaps: Gaps, k: int) -> dict[str, NDArray[Any]] | None:

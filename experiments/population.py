@@ -46,24 +46,26 @@ def population(trace: Trace, tracks: Tracks, gaps: Gaps, gap_truth: GapTruth) ->
     object does. A track that belongs to nothing counts (against the filter) within the range;
     a wall is nothing.
     """
-    if gap_truth not in get_args(GapTruth):
-        raise ValueError(f"gap truth {gap_truth!r}, expected one of {get_args(GapTruth)}")
-    distance = trace.sensor_distance()
-    in_gap = gaps.covers(trace.object_id, trace.frame)
-    seen = trace.visible >= SCORED_VISIBLE
-    road_users = trace.road_users()
-    counted = road_users & (distance <= SCORED_RANGE) & (seen | in_gap)
-    if gap_truth == "ignore":
-        counted &= ~in_gap
-    ego = trace.ego
+    counted, ego = counted_truth(trace, gaps, gap_truth), trace.ego
     away = np.hypot(tracks.x - ego.x[tracks.frame], tracks.y - ego.y[tracks.frame])
     scored = away <= SCORED_RANGE
     # Nothing farther away than this is close to any track.
     farthest = away.max(initial=0.0) + MATCH_DISTANCE
-    object_row = _objects(trace, tracks, np.flatnonzero(road_users & (distance <= farthest)))
+    candidates = np.flatnonzero(trace.road_users() & (trace.sensor_distance() <= farthest))
+    object_row = _objects(trace, tracks, candidates)
     on_one = object_row != UNASSIGNED
     scored[on_one] = counted[object_row[on_one]]
     return Population(counted, scored, object_row)
+
+
+def counted_truth(trace: Trace, gaps: Gaps, gap_truth: GapTruth = "keep") -> BoolArray:
+    """Rows of the truth (n_rows,) that count, as a mask."""
+    if gap_truth not in get_args(GapTruth):
+        raise ValueError(f"gap truth {gap_truth!r}, expected one of {get_args(GapTruth)}")
+    in_gap = gaps.covers(trace.object_id, trace.frame)
+    seen = trace.visible >= SCORED_VISIBLE
+    counted = trace.road_users() & (trace.sensor_distance() <= SCORED_RANGE) & (seen | in_gap)
+    return counted & ~in_gap if gap_truth == "ignore" else counted
 
 
 def naturally_occluded(trace: Trace, gaps: Gaps) -> BoolArray:

@@ -10,6 +10,7 @@ from rich.console import Console
 import sim_bridge
 from experiments import terminal
 from experiments.bins import GROUPS, check_group
+from experiments.exchange.results import read_results
 from experiments.matched import Similarity
 from experiments.options import GapTruth, Json, chosen_gap_truth
 from experiments.score import score as score_tracks
@@ -19,7 +20,17 @@ from mdkf import Trace, Tracks
 
 def score(
     trace: Annotated[Path, typer.Argument(help="A trace's Parquet file.")],
-    tracks: Annotated[Path, typer.Argument(help="A track table's Parquet file.")],
+    tracks: Annotated[
+        Path,
+        typer.Argument(
+            help="A track table's Parquet file; or another tracker's results (.txt), KITTI's or"
+            " MOTChallenge's, of a world that was exported."
+        ),
+    ],
+    detections: Annotated[
+        Path | None,
+        typer.Option(help="Of another tracker: the detections it was given, which tell the gaps."),
+    ] = None,
     gap_truth: GapTruth = "keep",
     by: Annotated[
         list[str] | None,
@@ -39,11 +50,14 @@ def score(
     ] = "centre",
     as_json: Json = False,
 ) -> None:
-    """Score tracks against the truth; the gaps are read from the tracks' own file."""
+    """Score tracks against the truth; the gaps are read from the tracks' own file.
+
+    What another tracker's file does not tell (velocities, covariances) is not scored.
+    """
     rules = {"gap_truth": chosen_gap_truth(gap_truth), "similarity": _similarity(similarity)}
     groups = list(dict.fromkeys(_group(text) for text in by or []))
     truth = sim_bridge.read_table(trace, Trace)
-    estimate = sim_bridge.read_table(tracks, Tracks)
+    estimate = _estimate(tracks, truth, detections)
     result = score_tracks(truth, estimate, **rules)
     if as_json:
         document: dict[str, Any] = {name: told(value) for name, value in result.summary().items()}
@@ -58,6 +72,15 @@ def score(
         wide = shown.width >= terminal.BREAKDOWN_WIDTH
         shown.print(terminal.breakdown_table(binned, group, wide))
     shown.print(terminal.CORRELATED, style="dim", highlight=False)
+
+
+def _estimate(path: Path, truth: Trace, detections: Path | None) -> Tracks:
+    """A table of tracks, or what another tracker's results tell of them."""
+    if path.suffix.lower() == ".txt":
+        return read_results(path, truth, detections)
+    if detections is not None:
+        raise typer.BadParameter("--detections is for another tracker's results (.txt)")
+    return sim_bridge.read_table(path, Tracks)
 
 
 def _similarity(text: str) -> Any:

@@ -353,10 +353,20 @@ class Tracks(Table):
     cov_xx, cov_xy, cov_yy [m2] is the covariance of the filter's position; `coasted` marks
     frames without a detection; `diagnostics` are the estimator's own columns (innovation, MD
     weights, IMM mode probabilities), NaN where it has no value.
+
+    Files of other trackers do not tell everything. NaN is what they leave out, in all columns of
+    one of `UNKNOWN` together; of `coasted`, `knows_coasting` tells whether it means anything.
     """
 
     ID = "track_id"
     POSITIVE = ("length", "width", "height")
+    BOX: ClassVar[tuple[str, ...]] = ("z", "yaw", "length", "width", "height")
+    UNKNOWN: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("vx", "vy"),
+        ("cov_xx", "cov_xy", "cov_yy"),
+        BOX,
+    )
+    """Columns that are known together or not at all, row by row."""
 
     track_id: IntArray
     x: FloatArray
@@ -390,7 +400,21 @@ class Tracks(Table):
         # There is no innovation in a frame without a measurement.
         if column in self.diagnostics:
             return np.isnan(self.diagnostics[column])
+        for together in self.UNKNOWN:
+            if column in together:
+                columns = np.column_stack([getattr(self, name) for name in together])
+                missing: BoolArray = np.isnan(columns).all(axis=1)
+                return missing
         return super()._may_miss(column)
+
+    @property
+    def knows_coasting(self) -> bool:
+        """Whether `coasted` is known; a tracker's file of boxes does not tell."""
+        return self.provenance.get("coasted") != "unknown"
+
+    def knows_boxes(self) -> bool:
+        """Whether height, heading and size are known in all rows."""
+        return not np.isnan(self.length).any()
 
     def validate(self) -> None:
         """Raise `TableError` as every table does, and where the covariance is not positive."""
@@ -398,7 +422,7 @@ class Tracks(Table):
         with np.errstate(over="ignore", invalid="ignore"):
             determinant = self.cov_xx * self.cov_yy - self.cov_xy**2
         positive = (self.cov_xx > 0) & (determinant > 0)
-        self._refuse(~positive, "cov_xx", "a positive covariance")
+        self._refuse(~positive & ~np.isnan(self.cov_xx), "cov_xx", "a positive covariance")
 
 
 _TYPES: dict[Any, np.dtype[Any]] = {

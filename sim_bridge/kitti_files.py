@@ -1,19 +1,37 @@
-"""KITTI tracking files into arrays, checked: labels, detections, calibration, poses, sequences.
+"""KITTI tracking files into arrays, checked: labels, detections, results of trackers, calibration,
+poses, sequences.
 
 Nothing is transformed here but the calibration, which becomes camera -> LiDAR. Boxes stay in
 rectified camera axes (x right, y down, z forward) of their own frame. Every error is one line that
 names the file and, where there is one, its line.
 """
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import chain
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from mdkf.tables import BoolArray, FloatArray, IntArray
+from sim_bridge.text_table import LARGEST, KittiError, TextTable, is_number, lines, read_bytes
+
+__all__ = [
+    "OBJECTS",
+    "OTHERS",
+    "SEQUENCES",
+    "CameraBoxes",
+    "KittiError",
+    "read_bytes",
+    "read_calibration",
+    "read_detections",
+    "read_labels",
+    "read_picture_size",
+    "read_poses",
+    "read_projection",
+    "read_results",
+    "read_sequences",
+    "read_unlabelled",
+]
 
 SEQUENCES = "evaluate_tracking.seqmap."
 """Begin of the names of the files that list sequences: `SSSS empty 000000 NNNNNN`, N frames."""
@@ -21,31 +39,25 @@ SEQUENCES = "evaluate_tracking.seqmap."
 OBJECTS = ("Car", "Van")
 """KITTI's types that become objects."""
 
-OTHERS = ("Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
+UNLABELLED = "DontCare"
+"""Type of an area in which nothing is labelled, whatever is there."""
+
+UNKNOWN_ROTATION = -10.0
+"""KITTI's ry of what has no known direction [rad]."""
+
+OTHERS = ("Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", UNLABELLED)
 """KITTI's other types; their rows are passed over."""
 
 _BOX = ("h", "w", "l", "x", "y", "z", "ry")
 _IMAGE = ("alpha", "x1", "y1", "x2", "y2")
 _LABEL = ("frame", "track_id", "type", "truncated", "occluded", *_IMAGE, *_BOX)
+_RESULT = (*_LABEL, "score")
 _DETECTION = ("frame", "type", "truncated", "occluded", *_IMAGE, *_BOX, "score")
 _POSE = ("frame", *(name for k in "123" for name in (f"r{k}1", f"r{k}2", f"r{k}3", f"t{k}")))
 _SEQUENCE = ("sequence", "filler", "first", "frames")
 
-_LARGEST = 10**9
-"""Largest number that a file may hold, of whatever unit."""
-
-_PLAIN = b"\t\n\r" + bytes(range(ord(" "), 0x7F))
-"""What the files may hold: ASCII without control characters. Python takes more than that for
-spaces, digits and ends of lines, so that rows and numbers could be others than they seem."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-
 _ROTATION_TOLERANCE = 1e-3
 """How far R R^T may be from the identity: the files round to six decimals."""
-
-
-class KittiError(ValueError):
-    """Recorded data that cannot be used; the message is one line and names file and line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +91,7 @@ def read_sequences(root: Path, split: str = "training") -> dict[str, int]:
     path = root / f"{SEQUENCES}{split}"
     table = _Table.read(path, _SEQUENCE, words=("sequence", "filler"))
     table.whole("first", 0, 0)
-    frames = table.whole("frames", 1, _LARGEST).tolist()
+    frames = table.whole("frames", 1, LARGEST).tolist()
     sequences: dict[str, int] = {}
     for line, name, count in zip(table.line, table.words["sequence"], frames, strict=True):
         if name in sequences:
@@ -95,12 +107,8 @@ def read_labels(path: Path, n_frames: int) -> CameraBoxes:
     table = _Table.read(path, _LABEL, words=("type",))
     table.sorted_frames(n_frames)
     objects = table.objects()
-    ids = objects.whole("track_id", 0, _LARGEST)
-    keys = objects.column("frame").astype(np.int64) * (_LARGEST + 1) + ids
-    first = np.unique(keys, return_index=True)[1]
-    repeated = np.ones(len(keys), dtype=np.bool_)
-    repeated[first] = False
-    objects.refuse(repeated, "track_id", "at most once in a frame")
+    objects.refuse_repeated("track_id")
+    objects.refuse_sizes()
     return objects.boxes("track_id")
 
 
@@ -109,7 +117,7 @@ def read_unlabelled(path: Path, n_frames: int) -> tuple[IntArray, FloatArray]:
     which nothing is labelled whatever is there (`DontCare`)."""
     table = _Table.read(path, _LABEL, words=("type",))
     table.sorted_frames(n_frames)
-    areas = np.array([name == "DontCare" for name in table.words["type"]], dtype=np.bool_)
+    areas = np.array([name == UNLABELLED for name in table.words["type"]], dtype=np.bool_)
     return table.column("frame")[areas].astype(np.int64), table.image()[areas]
 
 
@@ -117,7 +125,29 @@ def read_detections(path: Path, n_frames: int) -> CameraBoxes:
     """The detected cars and vans of a sequence; an empty file holds none."""
     table = _Table.read(path, _DETECTION, words=("type",))
     table.sorted_frames(n_frames)
-    return table.objects().boxes("score")
+    objects = table.objects()
+    objects.refuse_sizes()
+    return objects.boxes("score")
+
+
+def read_results(path: Path, n_frames: int) -> tuple[IntArray, CameraBoxes, BoolArray]:
+    """Track ids (n,) and boxes of a tracker's results, of all types but `DontCare`, in any order of
+    frames, and which boxes (n,) are known; an empty file holds none.
+
+    Of a row whose ry is `UNKNOWN_ROTATION` only the place is known, whatever stands in its other
+    columns: RobMOT writes such rows. Its sizes are 0.
+    """
+    table = _Table.read(path, _RESULT, words=("type",))
+    table.whole("frame", 0, n_frames - 1)
+    objects = table.objects({*OBJECTS, *OTHERS} - {UNLABELLED})
+    known = objects.column("ry") != UNKNOWN_ROTATION
+    objects.take(known).refuse_sizes()
+    boxes = objects.boxes("score")
+    height, width, length = (
+        np.where(known, size, 0.0) for size in (boxes.height, boxes.width, boxes.length)
+    )
+    boxes = replace(boxes, height=height, width=width, length=length)
+    return objects.refuse_repeated("track_id"), boxes, known
 
 
 def read_poses(path: Path, n_frames: int) -> tuple[FloatArray, FloatArray]:
@@ -146,91 +176,24 @@ def read_projection(path: Path) -> FloatArray:
     return _matrix(path, "P2", 4, rotates=False)
 
 
-def read_bytes(path: Path) -> bytes:
-    """A file's content; `KittiError` where it is missing or unreadable."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        missing = next((p for p in (*path.parents[::-1], path) if not p.exists()), path)
-        kind = "file" if missing == path else "folder"
-        raise KittiError(f"{missing}: no such {kind}") from None
-    except OSError as error:
-        raise KittiError(f"{path}: cannot be read: {error.strerror}") from None
-
-
-def _lines(path: Path) -> list[str]:
-    """The lines of a file of plain text; `KittiError` at the first that is none."""
-    content = read_bytes(path)
-    if content.translate(None, _PLAIN):
-        try:
-            content.decode("utf-8")
-        except UnicodeDecodeError:
-            raise KittiError(f"{path}: is not UTF-8 text") from None
-        for k, line in enumerate(content.splitlines()):
-            if strange := line.translate(None, _PLAIN):
-                raise KittiError(
-                    f"{path}: line {k + 1}: holds {strange.decode()[0]!a},"
-                    " expected ASCII without control characters"
-                )
-    return content.decode("ascii").splitlines()
+def read_picture_size(path: Path) -> tuple[float, float] | None:
+    """Width and height [px] of image_02, as a calibration file's line `S_rect_02` tells them:
+    KITTI's raw recordings have it, its tracking data do not."""
+    found = _entry(path, "S_rect_02", 2)
+    if found is None:
+        return None
+    where, (width, height) = found
+    if not (width > 1.0 and height > 1.0):
+        raise KittiError(f"{where} is {width:g} x {height:g}, expected a width and a height [px]")
+    return float(width), float(height)
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
-    """A file of equally long rows: words by column, and all columns as numbers (0 for words)."""
+class _Table(TextTable):
+    """Rows of KITTI's files."""
 
-    path: Path
-    names: tuple[str, ...]
-    line: IntArray
-    words: dict[str, list[str]]
-    numbers: FloatArray
-
-    @staticmethod
-    def read(path: Path, names: tuple[str, ...], words: tuple[str, ...] = ()) -> "_Table":
-        rows = [line.split() for line in _lines(path)]
-        for k, row in enumerate(rows):
-            if len(row) != len(names):
-                raise KittiError(
-                    f"{path}: line {k + 1}: {len(row)} columns, expected {len(names)}:"
-                    f" {' '.join(names)}"
-                )
-        found = {}
-        for name in words:
-            column = names.index(name)
-            found[name] = [row[column] for row in rows]
-            for row in rows:
-                row[column] = "0"
-        numbers = _numbers(path, names, rows)
-        return _Table(path, names, np.arange(1, len(rows) + 1), found, numbers)
-
-    def column(self, name: str) -> FloatArray:
-        return self.numbers[:, self.names.index(name)]
-
-    def refuse(self, bad: BoolArray, name: str, expected: str) -> None:
-        """Raise at the first bad row."""
-        if bad.any():
-            row = int(np.argmax(bad))
-            value = self.column(name)[row]
-            raise KittiError(
-                f"{self.path}: line {self.line[row]}: {name} is {value:g}, expected {expected}"
-            )
-
-    def whole(self, name: str, low: int, high: int) -> IntArray:
-        """A column of whole numbers from low to high."""
-        values = self.column(name)
-        bad = (values < low) | (values > high) | (values % 1.0 != 0.0)
-        expected = str(low) if low == high else f"a whole number from {low} to {high}"
-        self.refuse(bad, name, expected)
-        return values.astype(np.int64)
-
-    def sorted_frames(self, n_frames: int) -> None:
-        frames = self.whole("frame", 0, n_frames - 1)
-        falls = np.zeros(len(frames), dtype=np.bool_)
-        falls[1:] = np.diff(frames) < 0
-        self.refuse(falls, "frame", "frames in ascending order")
-
-    def objects(self) -> "_Table":
-        """The rows of `OBJECTS`."""
+    def objects(self, chosen: Collection[str] = OBJECTS) -> "_Table":
+        """The rows of some types."""
         types = self.words["type"]
         for line, name in zip(self.line, types, strict=True):
             if name not in OBJECTS and name not in OTHERS:
@@ -238,17 +201,19 @@ class _Table:
                 raise KittiError(
                     f"{self.path}: line {line}: type is {name[:40]!r}, expected one of {known}"
                 )
-        kept = np.array([name in OBJECTS for name in types], dtype=np.bool_)
-        words = {"type": [name for name in types if name in OBJECTS]}
-        return _Table(self.path, self.names, self.line[kept], words, self.numbers[kept])
+        return self.take(np.array([name in chosen for name in types], dtype=np.bool_))
 
     def image(self) -> FloatArray:
         """Left, top, right, bottom (n, 4) in the picture [px]."""
         return np.column_stack([self.column(name) for name in ("x1", "y1", "x2", "y2")])
 
-    def boxes(self, last: str) -> CameraBoxes:
+    def refuse_sizes(self) -> None:
+        """Refuse a box without a size."""
         for name in "hwl":
             self.refuse(self.column(name) <= 0.0, name, "a size above 0 m")
+
+    def boxes(self, last: str) -> CameraBoxes:
+        """The rows' boxes; last: the column that becomes the boxes' `last`."""
         return CameraBoxes(
             line=self.line,
             frame=self.column("frame").astype(np.int64),
@@ -265,48 +230,36 @@ class _Table:
         )
 
 
-def _numbers(path: Path, names: Sequence[str], rows: list[list[str]]) -> FloatArray:
-    """Rows of words as numbers (rows, columns)."""
-    words = list(chain.from_iterable(rows))
-    try:
-        numbers = np.fromiter(map(float, words), np.float64, len(words))
-    except ValueError:
-        numbers = np.full(len(words), np.nan)
-    # Python takes 1_000 for a number, too.
-    if not (np.abs(numbers) <= _LARGEST).all() or "_" in "".join(words):
-        for k, row in enumerate(rows):
-            for name, word in zip(names, row, strict=True):
-                if not _is_number(word):
-                    raise KittiError(
-                        f"{path}: line {k + 1}: {name} is {word[:40]!r}, expected a number"
-                    )
-    return numbers.reshape(len(rows), len(names))
-
-
-def _is_number(word: str) -> bool:
-    return _NUMBER.fullmatch(word) is not None and abs(float(word)) <= _LARGEST
-
-
 def _matrix(path: Path, key: str, columns: int, rotates: bool = True) -> FloatArray:
     """The (3, columns) matrix of a calibration file's line `KEY: numbers`; R in front of one that
     rotates."""
-    lines = [line.partition(":") for line in _lines(path)]
-    found = [k for k, (name, _, _) in enumerate(lines) if name.strip() == key]
-    if not found:
+    found = _entry(path, key, 3 * columns)
+    if found is None:
         raise KittiError(f"{path}: no line {key}:")
-    if len(found) > 1:
-        raise KittiError(f"{path}: line {found[1] + 1}: {key} is there twice, expected once")
-    words = lines[found[0]][2].split()
-    where = f"{path}: line {found[0] + 1}: {key}"
-    if len(words) != 3 * columns:
-        raise KittiError(f"{where} has {len(words)} numbers, expected {3 * columns}")
-    for word in words:
-        if not _is_number(word):
-            raise KittiError(f"{where} holds {word[:40]!r}, expected numbers")
-    matrix = np.array([float(word) for word in words]).reshape(3, columns)
+    where, values = found
+    matrix = values.reshape(3, columns)
     if rotates and not _is_rotation(matrix[None, :, :3])[0]:
         raise KittiError(f"{where} is no rotation matrix")
     return matrix
+
+
+def _entry(path: Path, key: str, count: int) -> tuple[str, FloatArray] | None:
+    """Where a calibration file's line `KEY: numbers` is, and its numbers (count,); None where
+    there is no such line."""
+    parts = [line.partition(":") for line in lines(path)]
+    found = [k for k, (name, _, _) in enumerate(parts) if name.strip() == key]
+    if not found:
+        return None
+    if len(found) > 1:
+        raise KittiError(f"{path}: line {found[1] + 1}: {key} is there twice, expected once")
+    words = parts[found[0]][2].split()
+    where = f"{path}: line {found[0] + 1}: {key}"
+    if len(words) != count:
+        raise KittiError(f"{where} has {len(words)} numbers, expected {count}")
+    for word in words:
+        if not is_number(word):
+            raise KittiError(f"{where} holds {word[:40]!r}, expected numbers")
+    return where, np.array([float(word) for word in words])
 
 
 def _is_rotation(matrices: FloatArray) -> BoolArray:

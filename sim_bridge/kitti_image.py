@@ -15,7 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from mdkf.tables import BoolArray, Detections, FloatArray, IntArray, Trace, Tracks
-from sim_bridge.kitti_files import read_labels, read_projection, read_sequences
+from sim_bridge.kitti_files import (
+    read_labels,
+    read_picture_size,
+    read_projection,
+    read_sequences,
+)
 from sim_bridge.kitti_rig import Rig, file_of
 
 NEAR = 0.1
@@ -23,6 +28,13 @@ NEAR = 0.1
 
 DECIMALS = 6
 """Digits behind the point that KITTI's labels have, of metres, radians and pixels alike."""
+
+NOWHERE = (-1.0, -1.0, -1.0, -1.0)
+"""Box in the picture of what is not in it. It has no area and no height, so that KITTI's scorer
+passes over it wherever it belongs to no label."""
+
+SMALLEST = 1e-9
+"""Area of a box in the picture below which it is none [px2]."""
 
 _CORNERS = np.array([[x, y, z] for x in (0.5, -0.5) for y in (0.0, -1.0) for z in (0.5, -0.5)])
 """(8, 3) corners about the middle of the bottom face, in lengths, heights and widths."""
@@ -87,13 +99,22 @@ class Camera:
         return Camera(Rig.read(root, sequence, n_frames), projection, picture)
 
     def boxes(
-        self, table: Trace | Detections | Tracks, picture: Picture | None = None
+        self,
+        table: Trace | Detections | Tracks,
+        picture: Picture | None = None,
+        around: bool = False,
     ) -> PictureBoxes:
-        """The boxes of a table, cut at the edges of the camera's own picture or of another."""
+        """The boxes of a table, cut at the edges of the camera's own picture or of another.
+
+        around: all boxes of the table; those that are not in the picture have the box `NOWHERE`.
+        """
         picture = picture or self.picture
         bottom, ry = self.rig.camera_boxes(table)
         size = np.column_stack([table.length, table.height, table.width])
         seen, image = in_picture(bottom, size, ry, self.projection, picture)
+        if around:
+            image[~seen] = NOWHERE
+            seen = np.ones(len(seen), dtype=np.bool_)
         alpha = np.angle(np.exp(1j * (ry - np.arctan2(bottom[:, 0], bottom[:, 2]))))
         length, height, width = _rounded(size[seen]).T
         return PictureBoxes(
@@ -107,6 +128,16 @@ class Camera:
             ry=_rounded(ry[seen]),
             alpha=_rounded(alpha[seen]),
         )
+
+    def truncation(self, table: Trace) -> IntArray:
+        """KITTI's level of truncation of a table's boxes (n,): 0 within the picture, 1 for up to
+        half of the box in the picture cut off by its edges, 2 for more or all of it."""
+        bottom, ry = self.rig.camera_boxes(table)
+        size = np.column_stack([table.length, table.height, table.width])
+        seen, inside = in_picture(bottom, size, ry, self.projection, self.picture)
+        _, whole = _spanned(_projected(bottom, size, ry, self.projection))
+        share = np.where(seen, _area(inside), 0.0) / np.maximum(_area(whole), SMALLEST)
+        return np.where(share >= 1.0, 0, np.where(share >= 0.5, 1, 2))
 
 
 def in_picture(
@@ -134,13 +165,23 @@ def in_picture(
 
 
 def pictures(root: Path, sequences: Iterable[str]) -> dict[str, Picture]:
-    """The picture of each sequence, told by its labels: KITTI's files do not hold its size.
+    """The picture of each sequence: where its calibration does not tell the size, which KITTI's own
+    never does, its labels do.
 
     A label ends at the last pixel where its car leaves the picture: where at least two end at the
     greatest x or y of all labels seen by the same camera (the same P2), that is the edge. Else
     nothing left the picture there, and the edge is `KITTI_PICTURE`'s, or the greatest coordinate
     if that is further. `KittiError` for bad files.
     """
+    sequences = tuple(sequences)
+    sizes = {name: read_picture_size(file_of(root, "calib", name)) for name in sequences}
+    known = {name: Picture(size[0] - 1, size[1] - 1) for name, size in sizes.items() if size}
+    unknown = [name for name in sequences if name not in known]
+    return {**known, **(_told_by_labels(root, unknown) if unknown else {})}
+
+
+def _told_by_labels(root: Path, sequences: Iterable[str]) -> dict[str, Picture]:
+    """The pictures of sequences whose size nothing but labels tells."""
     cameras = {name: read_projection(file_of(root, "calib", name)) for name in sequences}
     ends: dict[bytes, list[FloatArray]] = {camera.tobytes(): [] for camera in cameras.values()}
     for name, n_frames in read_sequences(root).items():
@@ -190,6 +231,12 @@ def _spanned(corners: FloatArray) -> tuple[BoolArray, FloatArray]:
     most = np.where(seen, pixels, -np.inf).max(axis=1)
     front: BoolArray = np.logical_or.reduce(seen[..., 0], axis=1)
     return front, np.where(front[:, None], np.column_stack([least, most]), 0.0)
+
+
+def _area(image: FloatArray) -> FloatArray:
+    """Areas (n,) [px2] of boxes left, top, right, bottom (n, 4)."""
+    area: FloatArray = (image[:, 2] - image[:, 0]) * (image[:, 3] - image[:, 1])
+    return area
 
 
 def _rounded(values: FloatArray) -> FloatArray:

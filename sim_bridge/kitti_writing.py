@@ -4,11 +4,12 @@ A row is what `Camera.boxes` has of a box: a file's numbers are exactly those in
 appear whole or not at all.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from mdkf.tables import Detections, TableError, Trace, Tracks
+from mdkf.tables import Detections, FloatArray, TableError, Trace, Tracks
 from scenarios.kitti import PREFIX
 from sim_bridge.kitti import recording_identity
 from sim_bridge.kitti_files import read_sequences
@@ -22,24 +23,35 @@ def write_boxes(path: Path, table: Detections | Tracks, boxes: PictureBoxes) -> 
     Tracks: `frame track_id Car -1 -1 alpha x1 y1 x2 y2 h w l x y z ry score`; detections the same
     without track_id. `OSError` where the file cannot be written.
     """
-    score = np.round(table.score[boxes.row], DECIMALS)
-    numbers = np.column_stack(
-        [
-            *(boxes.alpha, boxes.image, boxes.height, boxes.width, boxes.length),
-            *(boxes.bottom, boxes.ry, score),
-        ]
-    )
     starts = [f"{frame} Car" for frame in boxes.frame.tolist()]
     if isinstance(table, Tracks):
         names = zip(boxes.frame.tolist(), table.track_id[boxes.row].tolist(), strict=True)
         starts = [f"{frame} {track} Car" for frame, track in names]
+    begins = [f"{start} -1 -1" for start in starts]
+    write_text(path, "".join(rows(begins, boxes, table.score[boxes.row])))
+
+
+def rows(begins: Iterable[str], boxes: PictureBoxes, score: FloatArray | None = None) -> list[str]:
+    """Lines of boxes behind what each begins with: alpha x1 y1 x2 y2 h w l x y z ry [score]."""
+    columns = [boxes.alpha, boxes.image, boxes.height, boxes.width, boxes.length]
+    columns += [boxes.bottom, boxes.ry]
+    columns += [] if score is None else [np.round(score, DECIMALS)]
+    numbers = np.column_stack(columns)
     form = " ".join([f"%.{DECIMALS}f"] * numbers.shape[1])
-    lines = [
-        f"{start} -1 -1 {form % tuple(values)}\n"
-        for start, values in zip(starts, numbers.tolist(), strict=True)
-    ]
+    values = numbers.tolist()
+    return [f"{begin} {form % tuple(row)}\n" for begin, row in zip(begins, values, strict=True)]
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, whole or not at all."""
     with replacing(path) as temporary:
-        temporary.write_text("".join(lines), encoding="ascii")
+        temporary.write_text(text, encoding="utf-8")
+
+
+def place(path: Path) -> Path:
+    """The path, the folders to it made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def export_kitti(table: Trace | Detections | Tracks, root: Path, out: Path) -> Path:

@@ -1,14 +1,12 @@
-"""The commands `mdkf kitti` and `mdkf export`."""
+"""The command `mdkf kitti`."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from experiments.kitti.answer import Answer, document, errors_frame, results_frame
 from experiments.kitti.published import PUBLISHED, VALIDATION, VALIDATION_FRAMES
@@ -23,14 +21,21 @@ from experiments.kitti.recordings import (
 from experiments.kitti.rules import RULES, Rules
 from experiments.kitti.run import Plan, run
 from experiments.kitti.tables import published_table
-from experiments.options import OCCLUSIONS, Json, Root, busy, chosen_filters, chosen_occlusion
+from experiments.options import (
+    OCCLUSIONS,
+    Json,
+    Root,
+    busy,
+    chosen_filters,
+    chosen_occlusion,
+    progress_of,
+)
 from experiments.terminal import FULL_WIDTH
-from mdkf import DETECTORS, Detections, TableError, Trace, Tracks, estimator_names
+from mdkf import DETECTORS, estimator_names
 from mdkf.settings import Confirmation, Position
 from scenarios.kitti import kitti_root
 from sim_bridge import load_profile
-from sim_bridge.kitti_writing import export_kitti
-from sim_bridge.parquet import read_any_table, write_frame
+from sim_bridge.parquet import write_frame
 
 
 def kitti(
@@ -104,7 +109,8 @@ def kitti(
         found = [recorded_detections(base, folder.path, recordings) for folder in folders]
     published = PUBLISHED if _is_as_published(plan, recordings) else ()
     answers = []
-    with _progress(len(folders) * len(plan.filters) * (1 + seeds * simulated)) as progress:
+    steps = len(folders) * len(plan.filters) * (1 + seeds * simulated)
+    with progress_of(steps, "tracking") as progress:
         for k, folder in enumerate(folders):
             place = out if out is None or len(folders) == 1 else out / folder.name
             real = run(plan, folder, recordings, found[k], place, progress)
@@ -134,24 +140,6 @@ def kitti(
         print(out / "results.parquet")
 
 
-def export(
-    table: Annotated[Path, typer.Argument(help="A Parquet file of detections or tracks.")],
-    out: Annotated[Path, typer.Option(help="Folder for SSSS.txt.", file_okay=False)],
-    layout: Annotated[
-        Literal["kitti"], typer.Option("--format", help="Whose format: kitti.")
-    ] = "kitti",
-    root: Root = None,
-) -> None:
-    """Write detections or tracks of a recorded sequence for other trackers and scorers."""
-    read = read_any_table(table)
-    if not isinstance(read, Trace | Detections | Tracks):
-        raise TableError(f"{table}: holds {type(read).__name__}, expected Detections or Tracks")
-    try:
-        print(export_kitti(read, root or kitti_root(), out))
-    except TableError as error:
-        raise TableError(f"{table}: {error}") from None
-
-
 def _rules(text: str) -> tuple[Rules, ...]:
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
     for name in names:
@@ -168,15 +156,3 @@ def _is_as_published(plan: Plan, recordings: Sequence[Recording]) -> bool:
     split = {recording.sequence for recording in recordings} == VALIDATION
     reported = plan.options == {"position": "measurement", "confirmation": "retrospective"}
     return split and frames == VALIDATION_FRAMES and reported and plan.occlusion.kind == "none"
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[str], None]]:
-    """A bar on a terminal, moved on by telling what was done last."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task("tracking", total=total)
-        yield lambda done: bar.update(task, advance=1, description=done)

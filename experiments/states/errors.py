@@ -51,7 +51,8 @@ class StateErrors:
         velocity_rmse: roots of the mean squares; backwards: percent of headings more than a
         quarter turn off, as a box has that is taken for its own back; nees, nis: averages.
         """
-        backwards = mean((self.heading > np.pi / 2).astype(np.float64))
+        back = (self.heading > np.pi / 2).astype(np.float64)
+        backwards = mean(np.where(np.isnan(self.heading), np.nan, back))
         return {
             "position_error": mean(self.position),
             "position_rmse": root_mean_square(self.position),
@@ -71,7 +72,7 @@ def state_errors(
 
     NEES needs the filter's own position: where the tracker reports the detection instead (its
     provenance says so) it has no value. Nor has NIS if the estimator does not tell
-    it, nor the velocity where the trace has none.
+    it, nor the velocity where the trace has none, nor whatever the tracks do not know.
     """
     i, j = truth_row, track_row
     ex, ey = tracks.x[j] - trace.x[i], tracks.y[j] - trace.y[i]

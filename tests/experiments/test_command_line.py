@@ -27,19 +27,8 @@ from tests.experiments.commands import (
 )
 
 COMMANDS = (
-    *(
-        "run",
-        "scenarios",
-        "cache",
-        "simulate",
-        "detect",
-        "track",
-        "score",
-        "paper",
-        "bench",
-        "sweep",
-    ),
-    *("fit-detector", "check-detector", "kitti", "export"),
+    *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
+    *("fit-detector", "check-detector", "kitti", "export", "import", "sweep"),
 )
 KEYS = {
     *("scenario", "filter", "seeds", "hota", "mota", "idf1", "idsw"),

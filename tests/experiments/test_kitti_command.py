@@ -1,4 +1,4 @@
-"""Claim: `mdkf kitti` and `mdkf export` do what they say, shown on recordings made by hand."""
+"""Claim: on recordings made by hand, `mdkf kitti` and `mdkf export` do what they say."""
 
 import re
 from pathlib import Path
@@ -276,14 +276,12 @@ def test_tables_of_recordings_are_exported(root: Path, mdkf_command: Mdkf, tmp_p
     assert "of kitti-0003 of other recordings" in refused.err
 
 
-def test_a_world_without_a_camera_is_not_exported(
+def test_a_simulated_world_without_its_trace_is_not_exported(
     mdkf_command: Mdkf, made: Path, tmp_path: Path
 ) -> None:
-    """Simulated worlds have none; what is no table is told as everywhere."""
+    """Its trace has the sensor's path; what is no table is told as everywhere."""
     answer = mdkf_command("export", made / "tracks.parquet", "--out", tmp_path)
-    assert_refused(
-        answer, tmp_path, "tracks.parquet", "bus_stop, which has no camera", "kitti-SSSS"
-    )
+    assert_refused(answer, tmp_path, "tracks.parquet", "bus_stop, whose trace is not given")
     answer = mdkf_command("export", made / "foreign.parquet", "--out", tmp_path)
     assert_refused(answer, tmp_path, "foreign.parquet", "not one of mdkf's tables")
     answer = mdkf_command("export", made / "tracks.parquet", "--format", "csv", "--out", tmp_path)

@@ -1,0 +1,1 @@
+"""Worlds out to other trackers and official scorers, and their results back in."""
