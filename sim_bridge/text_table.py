@@ -167,4 +167,5 @@ def _numbers(path: Path, names: Sequence[str], rows: list[list[str]]) -> FloatAr
 
 
 def is_number(word: str) -> bool:
+    """Whether a word is a finite number that files of measurements may hold."""
     return _NUMBER.fullmatch(word) is not None and abs(float(word)) <= LARGEST
