@@ -13,7 +13,7 @@ from experiments.bins import GROUPS, check_group
 from experiments.exchange.results import read_results
 from experiments.matched import Similarity
 from experiments.options import GapTruth, Json, chosen_gap_truth
-from experiments.score import score as score_tracks
+from experiments.scoring import score as score_tracks
 from experiments.statistics import told
 from mdkf import Trace, Tracks
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from experiments.bins import EVERYTHING
 from experiments.population import MATCH_DISTANCE
-from experiments.score import Scores
+from experiments.scoring import Scores
 from experiments.states import Value
 from experiments.states.gospa import CUTOFF, POWER
 from scenarios import KittiScenario, Scenario

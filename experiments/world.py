@@ -15,7 +15,7 @@ import polars as pl
 from experiments.drift import drift, with_drift
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
-from experiments.score import Scores, score
+from experiments.scoring import Scores, score
 from mdkf import (
     DETECTORS,
     Detections,

@@ -6,7 +6,7 @@ from typing import Any
 from experiments.plots.above import birds_eye, path
 from experiments.plots.over_time import error_over_time
 from experiments.plots.picture import Picture
-from experiments.score import Scores
+from experiments.scoring import Scores
 from mdkf.tables import Detections, EgoPath, Trace, Tracks
 
 

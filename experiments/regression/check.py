@@ -17,7 +17,7 @@ from experiments.regression import baseline as files
 from experiments.regression.baseline import Baseline, BaselineError, Pin
 from experiments.regression.compare import Row, changes, table, worst
 from experiments.regression.metrics import METRICS, error_by_second, measured
-from experiments.score import Scores, score
+from experiments.scoring import Scores, score
 from mdkf import Detections, TableError, Trace, Tracks
 
 UPDATE = "MDKF_UPDATE"

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.score import Scores
+from experiments.scoring import Scores
 from experiments.states.errors import DEGREES
 from experiments.terminal import SECTIONS
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from experiments.drift import drift
 from experiments.occlusion import OcclusionProtocol
-from experiments.score import score
+from experiments.scoring import score
 from experiments.studies.scale import Scale
 from experiments.studies.seeds import SeedJob, of_traffic
 from experiments.studies.variants import variants

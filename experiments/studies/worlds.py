@@ -11,7 +11,7 @@ import polars as pl
 from experiments.bins import EVERYTHING
 from experiments.drift import drift, with_drift
 from experiments.occlusion import OcclusionProtocol
-from experiments.score import score
+from experiments.scoring import score
 from experiments.studies.scale import Scale
 from experiments.studies.seeds import SeedJob, of_traffic
 from mdkf import DETECTORS, Detections, Estimator, Trace, Tracker, estimator

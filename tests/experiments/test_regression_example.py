@@ -21,7 +21,7 @@ from experiments.regression import golden_names
 
 ROOT = Path(experiments.__file__).parents[1]
 PROJECT = Path(__file__).with_name("example_project")
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "pytest_mdkf.py")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE")
 PACKAGES = ("mdkf", "scenarios", "sim_bridge", "experiments")
 NOISE = "MEASUREMENT_VARIANCE = 0.03 "
 
@@ -29,8 +29,8 @@ BUILDS = (77,)
 """Version of setuptools from which it reads our pyproject.toml."""
 
 WHERE = """
-import experiments, mdkf, pytest_mdkf, scenarios, sim_bridge
-for module in (experiments, mdkf, pytest_mdkf, scenarios, sim_bridge):
+import experiments, mdkf, scenarios, sim_bridge
+for module in (experiments, mdkf, scenarios, sim_bridge):
     print(module.__file__)
 print(len(scenarios.list()))
 """

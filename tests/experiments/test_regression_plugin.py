@@ -8,14 +8,23 @@ from pathlib import Path
 import pytest
 
 import experiments
-import pytest_mdkf
-from experiments.regression import check
+from experiments.regression import check, plugin
 from experiments.warm_up import compile_tracking
 
 pytest_plugins = ["pytester"]
 
 ROOT = Path(experiments.__file__).parents[1]
-HEAVY = ("numpy", "numba", "polars", "scipy", "libsumo", "experiments", "mdkf", "sim_bridge")
+HEAVY = (
+    "numpy",
+    "numba",
+    "polars",
+    "scipy",
+    "libsumo",
+    "experiments.occlusion",
+    "experiments.regression.check",
+    "mdkf",
+    "sim_bridge",
+)
 
 TRACKED = """
 import mdkf
@@ -55,7 +64,7 @@ def project(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytes
     told = installed / "told-1.dist-info"
     told.mkdir(parents=True)
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: told\nVersion: 1\n")
-    (told / "entry_points.txt").write_text("[pytest11]\nmdkf = pytest_mdkf\n")
+    (told / "entry_points.txt").write_text("[pytest11]\nmdkf = experiments.regression.plugin\n")
     pytester.syspathinsert(installed)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(installed), str(ROOT)]))
     monkeypatch.setenv("COLUMNS", "120")
@@ -72,19 +81,21 @@ def test_a_suite_that_does_not_use_it_imports_nothing(project: pytest.Pytester) 
     (project.path / "conftest.py").unlink()
     project.makepyfile(
         "import sys\n\n\ndef test_nothing_is_imported():\n"
-        "    assert 'pytest_mdkf' in sys.modules\n"
+        "    assert 'experiments.regression.plugin' in sys.modules\n"
         f"    assert [name for name in {HEAVY} if name in sys.modules] == []\n"
     )
     ran = project.runpytest_subprocess()
     ran.assert_outcomes(passed=1)
     ran.stdout.no_fnmatch_line("*baselines*")
     without = project.runpytest_subprocess("-p", "no:mdkf")
-    without.stdout.fnmatch_lines(["*assert 'pytest_mdkf' in*"])  # it is not there then
+    without.stdout.fnmatch_lines(
+        ["*assert 'experiments.regression.plugin' in*"]
+    )  # it is not there then
 
 
 def test_both_know_the_same_variable() -> None:
     """The plugin, which may not import the function, and the function."""
-    assert pytest_mdkf.UPDATE == check.UPDATE
+    assert plugin.UPDATE == check.UPDATE
 
 
 def test_baselines_are_named_after_tests(project: pytest.Pytester) -> None:
@@ -169,7 +180,7 @@ def test_what_fails_and_what_is_accepted_is_told(project: pytest.Pytester) -> No
         ]
     )
     changed.stdout.no_fnmatch_line("*experiments/regression/check.py*")
-    changed.stdout.no_fnmatch_line("*pytest_mdkf.py*")
+    changed.stdout.no_fnmatch_line("*plugin.py*")
     assert files(project) == before
 
     project.makepyfile(test_it="def test_it(pinned):\n    pinned('md', metrics=['nees'])\n")

@@ -1,8 +1,7 @@
 """pytest's plugin of mdkf: worlds by name as fixtures, and trackers pinned to their baselines.
 
 It is loaded in every run of pytest wherever mdkf is installed, whether a test uses it or not. So it
-lies outside the packages, whose import takes a second, and imports from them what a fixture needs
-when a test asks for it.
+imports what a fixture needs when a test asks for it, and nothing before.
 """
 
 import hashlib
