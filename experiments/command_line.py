@@ -7,7 +7,7 @@ import json
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from importlib.metadata import version
@@ -29,14 +29,20 @@ from experiments.detectors.command import check_detector, fit_detector
 from experiments.engine import RunFailed
 from experiments.kitti.command import export, kitti
 from experiments.options import (
+    Detector,
     GapTruth,
     Json,
     NoCache,
+    Occlusion,
+    Setting,
+    Settings,
     busy,
     chosen_filters,
     chosen_gap_truth,
     chosen_occlusion,
+    chosen_parameters,
     chosen_rules,
+    chosen_settings,
     simulated,
 )
 from experiments.paper.command import paper
@@ -44,8 +50,7 @@ from experiments.report import write_report
 from experiments.score_command import score
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
-from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
-from mdkf.settings import FOLDERS
+from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
 
 app = typer.Typer(
     add_completion=False,
@@ -68,25 +73,6 @@ OUT = Path("mdkf-out")
 
 Seed = Annotated[int, typer.Option(help="Seed of the random numbers.", min=0)]
 OutFile = Annotated[Path, typer.Option("--out", help="Parquet file to write.", dir_okay=False)]
-Setting = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scenario; repeatable."),
-]
-Occlusion = Annotated[
-    str,
-    typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
-]
-Detector = Annotated[
-    str,
-    typer.Option(
-        help="A detector profile's name, or its YAML file (then give --settings); or"
-        " recorded:NAME, for recorded scenarios."
-    ),
-]
-Settings = Annotated[
-    str | None,
-    typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
-]
 
 
 def main() -> NoReturn:
@@ -158,7 +144,7 @@ def run(
         seeds=tuple(range(seeds)),
         filters=chosen_filters(filters),
         detector=detector,
-        settings=_settings(settings or sim_bridge.detector_name(detector)),
+        settings=chosen_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=chosen_occlusion(occlusion),
         gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
@@ -206,7 +192,7 @@ def simulate(
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
     with busy(f"simulating {name}"):
-        trace = simulated(scenarios.load(name, **_parameters(parameters)), seed, no_cache, dt)
+        trace = simulated(scenarios.load(name, **chosen_parameters(parameters)), seed, no_cache, dt)
     _write(trace, out)
 
 
@@ -254,7 +240,7 @@ def track(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     table = sim_bridge.read_table(detections, Detections)
-    base = _settings(settings or table.provenance.get("detector", "pointrcnn"))
+    base = chosen_settings(settings or table.provenance.get("detector", "pointrcnn"))
     _write(Tracker(chosen, chosen_rules(base, rules or [])).run(table), out)
 
 
@@ -284,31 +270,6 @@ def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:
     if len(set(known)) < len(known):
         raise typer.BadParameter(f"a scenario is named twice: {', '.join(known)}")
     return chosen
-
-
-def _settings(name: str) -> str:
-    """The name of a tracker's settings: as the user chose, or the detector's own."""
-    name = FOLDERS.get(name, name)
-    if name not in DETECTORS:
-        known = ", ".join(DETECTORS)
-        raise typer.BadParameter(
-            f"no tracker settings for {name!r}; choose with --settings one of: {known}"
-        )
-    return name
-
-
-def _parameters(settings: list[str] | None) -> Mapping[str, float]:
-    """Parameters from NAME=VALUE."""
-    parsed: dict[str, float] = {}
-    for setting in settings or []:
-        name, separator, value = setting.partition("=")
-        try:
-            if not separator:
-                raise ValueError
-            parsed[name] = float(value)
-        except ValueError:
-            raise typer.BadParameter(f"{setting!r}, expected NAME=NUMBER") from None
-    return parsed
 
 
 @contextmanager

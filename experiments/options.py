@@ -1,6 +1,6 @@
 """What several commands share: options and what they mean, a spinner, and simulated worlds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +14,7 @@ import mdkf
 import sim_bridge
 from experiments.occlusion import OcclusionProtocol
 from mdkf import DETECTORS, Trace, TrackerSettings
+from mdkf.settings import FOLDERS
 from scenarios import Scenario
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
@@ -34,6 +35,26 @@ GapTruth = Annotated[
     str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
 ]
 
+Setting = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scenario; repeatable."),
+]
+Occlusion = Annotated[
+    str,
+    typer.Option(help="KIND:LENGTH[:WARMUP] in frames: mid:20, late:10:35; or none."),
+]
+Detector = Annotated[
+    str,
+    typer.Option(
+        help="A detector profile's name, or its YAML file (then give --settings); or"
+        " recorded:NAME, for recorded scenarios."
+    ),
+]
+Settings = Annotated[
+    str | None,
+    typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
+]
+
 
 def chosen_gap_truth(text: str) -> Any:
     """What `GapTruth` was given; bad input if it is neither."""
@@ -51,6 +72,31 @@ def chosen_filters(text: str) -> tuple[str, ...]:
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
     return names
+
+
+def chosen_settings(name: str) -> str:
+    """The name of a tracker's settings: as the user chose, or the detector's own."""
+    name = FOLDERS.get(name, name)
+    if name not in DETECTORS:
+        known = ", ".join(DETECTORS)
+        raise typer.BadParameter(
+            f"no tracker settings for {name!r}; choose with --settings one of: {known}"
+        )
+    return name
+
+
+def chosen_parameters(settings: list[str] | None) -> Mapping[str, float]:
+    """Parameters from NAME=VALUE."""
+    parsed: dict[str, float] = {}
+    for setting in settings or []:
+        name, separator, value = setting.partition("=")
+        try:
+            if not separator:
+                raise ValueError
+            parsed[name] = float(value)
+        except ValueError:
+            raise typer.BadParameter(f"{setting!r}, expected NAME=NUMBER") from None
+    return parsed
 
 
 def chosen_rules(name: str, given: Sequence[str]) -> TrackerSettings:
