@@ -48,6 +48,7 @@ from experiments.options import (
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
+from experiments.search.command import search
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
@@ -261,6 +262,9 @@ app.command(
 app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
 app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
 app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
+app.command(
+    epilog="Example: mdkf search --filter md --against imm --scenario stop_and_go --out worst"
+)(search)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 

@@ -28,6 +28,7 @@ from tests.experiments.commands import (
 
 COMMANDS = (
     *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
+    "search",
     *("fit-detector", "check-detector", "kitti", "export"),
 )
 KEYS = {
