@@ -132,10 +132,9 @@ def check_table(found: Found) -> Table:
     table.add_column("", no_wrap=True)
     for axis in found.plan.space.axes:
         table.add_column(escape(heading(axis)), justify="right")
-    for name in ("searched", "fresh seeds, 95 %", *goal.filters, "seeds", "p (Holm)", "verdict"):
-        wide = name.startswith("fresh")
-        side = "left" if name == "verdict" else "right"
-        table.add_column(escape(name), justify=side, no_wrap=wide)
+    for name in ("searched", "fresh seeds, 95 %", *goal.filters, "seeds", "p (Holm)"):
+        table.add_column(escape(name), justify="right", no_wrap=name.startswith("fresh"))
+    table.add_column("verdict")
     for row in cells(found):
         style = "bold" if row["confirmed"] else ""
         table.add_row(*map(escape, (row["name"], *row["cells"])), style=style)
