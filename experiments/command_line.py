@@ -30,28 +30,32 @@ from experiments.engine import RunFailed
 from experiments.exchange.command import export, import_results
 from experiments.kitti.command import kitti
 from experiments.options import (
-    OCCLUSIONS,
+    Detector,
     GapTruth,
     Json,
     NoCache,
+    Occlusion,
+    Setting,
+    Settings,
     busy,
     chosen_filters,
     chosen_gap_truth,
     chosen_occlusion,
     chosen_parameters,
     chosen_rules,
+    chosen_settings,
     simulated,
 )
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
+from experiments.search.command import search
 from experiments.sources import VERSIONS
 from experiments.sweeps.command import sweep
 from experiments.sweeps.sweep import SweepError
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
-from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
-from mdkf.settings import FOLDERS
+from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
 
 app = typer.Typer(
     add_completion=False,
@@ -75,25 +79,6 @@ OUT = Path("mdkf-out")
 
 Seed = Annotated[int, typer.Option(help="Seed of the random numbers.", min=0)]
 OutFile = Annotated[Path, typer.Option("--out", help="Parquet file to write.", dir_okay=False)]
-Setting = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scenario; repeatable."),
-]
-Occlusion = Annotated[
-    str,
-    typer.Option(help=f"{OCCLUSIONS}; or none."),
-]
-Detector = Annotated[
-    str,
-    typer.Option(
-        help="A detector profile's name, or its YAML file (then give --settings); or"
-        " recorded:NAME, for recorded scenarios."
-    ),
-]
-Settings = Annotated[
-    str | None,
-    typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
-]
 
 
 def main() -> NoReturn:
@@ -165,7 +150,7 @@ def run(
         seeds=tuple(range(seeds)),
         filters=chosen_filters(filters),
         detector=detector,
-        settings=_settings(settings or sim_bridge.detector_name(detector)),
+        settings=chosen_settings(settings or sim_bridge.detector_name(detector)),
         occlusion=chosen_occlusion(occlusion),
         gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
@@ -262,7 +247,7 @@ def track(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     table = sim_bridge.read_table(detections, Detections)
-    base = _settings(settings or table.provenance.get("detector", "pointrcnn"))
+    base = chosen_settings(settings or table.provenance.get("detector", "pointrcnn"))
     _write(Tracker(chosen, chosen_rules(base, rules or [])).run(table), out)
 
 
@@ -289,6 +274,9 @@ app.command(
 )(import_results)
 app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
 app.command(epilog="Example: mdkf sweep lengths.yaml --out out --workers 2")(sweep)
+app.command(
+    epilog="Example: mdkf search --filter md --against imm --scenario stop_and_go --out worst"
+)(search)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 
@@ -298,17 +286,6 @@ def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:
     if len(set(known)) < len(known):
         raise typer.BadParameter(f"a scenario is named twice: {', '.join(known)}")
     return chosen
-
-
-def _settings(name: str) -> str:
-    """The name of a tracker's settings: as the user chose, or the detector's own."""
-    name = FOLDERS.get(name, name)
-    if name not in DETECTORS:
-        known = ", ".join(DETECTORS)
-        raise typer.BadParameter(
-            f"no tracker settings for {name!r}; choose with --settings one of: {known}"
-        )
-    return name
 
 
 @contextmanager

@@ -16,6 +16,7 @@ import mdkf
 import sim_bridge
 from experiments.occlusion import FORM, OcclusionProtocol
 from mdkf import DETECTORS, Trace, TrackerSettings
+from mdkf.settings import FOLDERS
 from scenarios import Scenario
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
@@ -36,9 +37,28 @@ GapTruth = Annotated[
     str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
 ]
 
-
 OCCLUSIONS = f"{FORM} in frames: mid:20, late:10:35, switch:20:start=-5, natural:20"
 """What an occlusion protocol may be."""
+
+Setting = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scenario; repeatable."),
+]
+Occlusion = Annotated[
+    str,
+    typer.Option(help=f"{OCCLUSIONS}; or none."),
+]
+Detector = Annotated[
+    str,
+    typer.Option(
+        help="A detector profile's name, or its YAML file (then give --settings); or"
+        " recorded:NAME, for recorded scenarios."
+    ),
+]
+Settings = Annotated[
+    str | None,
+    typer.Option(help=f"Tracker settings ({', '.join(DETECTORS)}); the detector's by default."),
+]
 
 
 def chosen_gap_truth(text: str) -> Any:
@@ -57,6 +77,17 @@ def chosen_filters(text: str) -> tuple[str, ...]:
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
     return names
+
+
+def chosen_settings(name: str) -> str:
+    """The name of a tracker's settings: as the user chose, or the detector's own."""
+    name = FOLDERS.get(name, name)
+    if name not in DETECTORS:
+        known = ", ".join(DETECTORS)
+        raise typer.BadParameter(
+            f"no tracker settings for {name!r}; choose with --settings one of: {known}"
+        )
+    return name
 
 
 def chosen_rules(name: str, given: Sequence[str]) -> TrackerSettings:

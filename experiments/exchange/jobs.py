@@ -35,7 +35,7 @@ def of_scenarios(
         trace = simulated(scenario, seed, no_cache)
         found = detect(trace, detector, seed)
         if occlusion.kind != "none":
-            found = occlusion.apply(found)
+            found = occlusion.apply(found, trace)
         if settings is None:
             return World(trace, found)
         tracks = {name: Tracker(estimator(name), settings).run(found) for name in filters}

@@ -64,4 +64,4 @@ class Worlds:
             self._detections[key] = (
                 golden_detections(str(world)) if committed else detect(trace, detector, seed)
             )
-        return OcclusionProtocol.parse(occlusion).apply(self._detections[key])
+        return OcclusionProtocol.parse(occlusion).apply(self._detections[key], trace)

@@ -1,0 +1,164 @@
+"""One seed of a scenario into every filter's scores, kept by all that decides them."""
+
+import hashlib
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from experiments.engine import RunFailed
+from experiments.jobs import Job, Store, as_rows
+from experiments.occlusion import OcclusionProtocol
+from experiments.population import GapTruth
+from experiments.world import follow
+from mdkf import DETECTORS, estimator
+from scenarios import Scenario
+from sim_bridge import (
+    Profile,
+    SeedRefused,
+    SimulationError,
+    detect,
+    is_recorded,
+    load_profile,
+    simulate,
+)
+
+STUDY = "search"
+REFUSED, FAILED = "refused", "failed"
+"""Metrics of a world that is not there: no valid truth of this seed, or the simulator failed."""
+
+
+@dataclass(frozen=True)
+class Evaluation(Job):
+    """One world: `scenario` (with its parameters) and `seed`, tracked by every filter.
+
+    settings: name of the tracker's settings. What one world has measured does for every goal.
+    """
+
+    scenario: Scenario
+    seed: int
+    filters: tuple[str, ...]
+    detector: str
+    settings: str
+    occlusion: OcclusionProtocol
+    gap_truth: GapTruth = "keep"
+
+    @property
+    def group(self) -> str:
+        """Every world by itself."""
+        chosen = ", ".join(f"{name} {value:g}" for name, value in self.scenario.parameters.items())
+        return f"{self.scenario.name} ({chosen}), seed {self.seed}"
+
+    def key(self) -> Mapping[str, Any]:
+        """All that decides the scores."""
+        return {
+            "study": STUDY,
+            "scenario": self.scenario.identity(),
+            "seed": self.seed,
+            "filters": [(name, _identity(name)) for name in self.filters],
+            "detector": repr(_profile(self.detector)),
+            "settings": self.settings,
+            "occlusion": str(self.occlusion),
+            "gap_truth": self.gap_truth,
+        }
+
+    def rows(self) -> pl.DataFrame:
+        """`experiments.world.Followed.summary` of each filter, but for the time it took; one row
+        `REFUSED` or `FAILED` if there is no such world."""
+        try:
+            found = list(self._measured())
+        except SeedRefused:
+            found = [{"metric": REFUSED, "value": 1.0}]
+        except SimulationError:
+            found = [{"metric": FAILED, "value": 1.0}]
+        return as_rows(
+            found,
+            study=STUDY,
+            scenario=self.scenario.name,
+            seed=self.seed,
+            detector=self.detector,
+            occlusion=str(self.occlusion),
+        )
+
+    def _measured(self) -> Iterator[dict[str, Any]]:
+        # Parameters are tried once: a cache of traces would be filled with what nobody asks again.
+        trace = simulate(self.scenario, self.seed)
+        occluded = self.occlusion.apply(detect(trace, _profile(self.detector), self.seed), trace)
+        rules = (DETECTORS[self.settings], self.occlusion, self.gap_truth)
+        for name in self.filters:
+            summary = follow(trace, occluded, _filter(name), *rules).summary()
+            del summary["ms_per_frame"]
+            for metric, value in summary.items():
+                yield {"filter": name, "metric": metric, "value": value}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What came of a world: by filter the metric's value, NaN for "no value"; `missing` is
+    `REFUSED` or `FAILED` where there is no world."""
+
+    by_filter: Mapping[str, float]
+    missing: str | None = None
+
+
+def measured(store: Store, worlds: Sequence[Evaluation], metric: str) -> list[Measured]:
+    """What came of each world; all are done."""
+    found = []
+    for world in worlds:
+        rows = store.read(world)
+        if rows is None:  # another process has emptied the folder
+            raise RunFailed(f"{store.folder}: the results of {world.group} are gone")
+        found.append(_of_metric(rows, metric))
+    return found
+
+
+def _of_metric(rows: pl.DataFrame, metric: str) -> Measured:
+    names = set(rows["metric"])
+    for missing in (REFUSED, FAILED):
+        if missing in names:
+            return Measured({}, missing)
+    own = rows.filter(metric=metric).select("filter", "value").iter_rows()
+    return Measured({name: math.nan if value is None else value for name, value in own})
+
+
+@cache
+def _identity(name: str) -> str:
+    """All that decides what a filter computes beside the sources that stand in every job's name:
+    its parameters, and of another package's the files of that package."""
+    built = _filter(name)
+    kind = type(built)
+    package = kind.__module__.partition(".")[0]
+    if package == "mdkf":
+        return repr(built)
+    # An object without a __repr__ of its own is told by its address, another in every process.
+    told = kind.__qualname__ if kind.__repr__ is object.__repr__ else repr(built)
+    return f"{told} {_contents(package)}"
+
+
+def _contents(package: str) -> str:
+    """SHA-256 of the files of a package, or of a module that is in none."""
+    module = sys.modules[package]
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
+    if not files and getattr(module, "__file__", None):
+        files = [Path(str(module.__file__))]
+    digest = hashlib.sha256()
+    for path in files:
+        if path.parent.name != "__pycache__":
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_filter = cache(estimator)
+"""Looked up once: `estimator` asks all installed packages each time."""
+
+
+@cache
+def _profile(name: str) -> Profile | str:
+    """Read once; the detector of a recording stays a name."""
+    return name if is_recorded(name) else load_profile(name)
