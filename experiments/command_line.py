@@ -42,6 +42,7 @@ from experiments.options import (
 from experiments.paper.command import paper
 from experiments.report import write_report
 from experiments.score_command import score
+from experiments.view.command import view
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import DETECTORS, Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
@@ -275,6 +276,7 @@ app.command(
 app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
 app.command(epilog="Example: mdkf export tracks.parquet --format kitti --out tracks")(export)
 app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
+app.command(epilog="Example: mdkf view out/worlds/bus_stop-0 --out bus_stop.rrd")(view)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 

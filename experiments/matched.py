@@ -16,7 +16,7 @@ from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
 from experiments.pairing import UNASSIGNED
 from experiments.population import GapTruth, Population, population
 from experiments.states import GospaScores, StateErrors, gospa, state_errors
-from mdkf.tables import BoolArray, TableError, Trace, Tracks
+from mdkf.tables import BoolArray, Detections, TableError, Trace, Tracks
 
 Similarity = Literal["centre", "bird", "box"]
 """What HOTA, CLEAR and Identity compare (`experiments.metrics.boxes`): centres from above by
@@ -57,14 +57,7 @@ def matched(
     similarity: Similarity = "centre",
 ) -> Matched:
     """Match tracks to the truth; arguments and errors are those of `experiments.score`."""
-    if (trace.n_frames, trace.dt) != (tracks.n_frames, tracks.dt):
-        raise TableError(
-            f"the tracks have {tracks.n_frames} frames of {tracks.dt} s, the trace"
-            f" {trace.n_frames} of {trace.dt} s"
-        )
-    told = tracks.provenance.get("trace")
-    if told is not None and told != trace.content_hash():
-        raise TableError("the tracks come from another trace (its content hash differs)")
+    check_origin(trace, tracks)
     if similarity not in get_args(Similarity):
         raise ValueError(f"similarity {similarity!r}, expected one of {get_args(Similarity)}")
     gaps = recorded_gaps(tracks, occlusion)
@@ -88,6 +81,19 @@ def matched(
         ),
         state_errors(trace, tracks, kept.object_row[on_object], on_object),
     )
+
+
+def check_origin(trace: Trace, table: Detections | Tracks) -> None:
+    """Raise `TableError` if detections or tracks cannot be of a trace."""
+    name = type(table).__name__.lower()
+    if (trace.n_frames, trace.dt) != (table.n_frames, table.dt):
+        raise TableError(
+            f"the {name} have {table.n_frames} frames of {table.dt} s, the trace"
+            f" {trace.n_frames} of {trace.dt} s"
+        )
+    told = table.provenance.get("trace")
+    if told is not None and told != trace.content_hash():
+        raise TableError(f"the {name} come from another trace (its content hash differs)")
 
 
 def sequence_of(

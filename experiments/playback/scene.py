@@ -33,7 +33,7 @@ LEAST_VIEW = 36.0
 CLOSE_UP = 4.5, 10.0
 """From the object to the upper and lower edge of the close-up [m]: at least, and at most."""
 
-_INNOVATION = ("innovation_", "nis")
+INNOVATION = ("innovation_", "nis")
 """Diagnostics that are not shown: there are none of them in a gap."""
 
 
@@ -103,21 +103,33 @@ def estimates(
         _row_of(tracks, followed, *one) for one in zip(played, own["x"], own["y"], strict=True)
     )
     rows = np.array([row for row in by_frame if row is not None], dtype=np.int64)
-    diagnostics = [name for name in tracks.diagnostics if not name.startswith(_INNOVATION)]
+    diagnostics = [name for name in tracks.diagnostics if not name.startswith(INNOVATION)]
     names = ("track_id", "x", "y", "yaw", "length", "width", "vx", "vy", "coasted")
     shape = ("cov_xx", "cov_xy", "cov_yy")
     found = _by_frame(tracks, rows, played, *names, *shape, *diagnostics)
-    xx, xy, yy = (found[name] for name in shape)
-    middle, reach = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    major, minor, angle = confidence_ellipse(*(found[name] for name in shape))
     return {
         **{name: found[name] for name in names},
-        "major": CONFIDENCE_SCALE * np.sqrt(middle + reach),
-        "minor": CONFIDENCE_SCALE * np.sqrt(np.maximum(middle - reach, 0.0)),
-        "angle": np.arctan2(2 * xy, xx - yy) / 2,
+        "major": major,
+        "minor": minor,
+        "angle": angle,
         "error": np.hypot(found["x"] - own["x"], found["y"] - own["y"]),
         "followed": followed,
         "diagnostics": {name: found[name] for name in diagnostics},
     }
+
+
+def confidence_ellipse(
+    xx: FloatArray, xy: FloatArray, yy: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Semi-axes [m], the major one first, and angle [rad] of the 95 % ellipses of covariances
+    [m2], all (n,)."""
+    middle, reach = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    return (
+        CONFIDENCE_SCALE * np.sqrt(middle + reach),
+        CONFIDENCE_SCALE * np.sqrt(np.maximum(middle - reach, 0.0)),
+        np.arctan2(2 * xy, xx - yy) / 2,
+    )
 
 
 def played_frames(trace: Trace, gap: tuple[int, int], frames: range | None = None) -> range:
