@@ -130,7 +130,7 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[SCENARIO]...",
-            help="Names, YAML files or SUMO configurations (.sumocfg);"
+            help="Names, YAML files, SUMO configurations (.sumocfg) or CommonRoad files (.xml);"
             f" {' and '.join(runs.SCENARIOS)} if none is given.",
         ),
     ] = None,
@@ -197,7 +197,11 @@ def run(
 @app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
 def simulate(
     name: Annotated[
-        str, typer.Argument(help="A scenario's name, YAML file or SUMO configuration (.sumocfg).")
+        str,
+        typer.Argument(
+            help="A scenario's name, YAML file, SUMO configuration (.sumocfg) or CommonRoad file"
+            " (.xml)."
+        ),
     ],
     out: OutFile,
     seed: Seed = 0,
