@@ -142,8 +142,9 @@ def _record(scene: Scene, object_id: int | None, place: Path | None) -> dict[str
     else:
         written = rerun.binary_stream(stream)
         record(scene, stream, focus)
+        content = written.read() or b""
         with replacing(place) as temporary:
-            temporary.write_bytes(written.read() or b"")
+            temporary.write_bytes(content)
     return {
         "name": scene.name,
         "recording": None if place is None else str(place),

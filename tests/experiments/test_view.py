@@ -337,6 +337,7 @@ def test_one_file_takes_one_world(mdkf_command: Mdkf, world: Path, tmp_path: Pat
         other.unlink()
     assert_refused(answer, tmp_path, "--out takes one world", "bus_stop-3", "bus_stop-4")
     assert_refused(mdkf_command("view", world, "--out", "x.mp4"), tmp_path, "x.mp4", ".rrd")
+    assert_refused(mdkf_command("view", world, "--out", "no/x.rrd"), tmp_path, "no/x.rrd")
 
 
 def test_without_rerun_the_user_is_told_what_to_install(
