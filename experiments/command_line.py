@@ -53,6 +53,7 @@ from experiments.search.command import search
 from experiments.sources import VERSIONS
 from experiments.sweeps.command import sweep
 from experiments.sweeps.sweep import SweepError
+from experiments.view.command import view
 from experiments.worlds.cache_command import show_cache
 from experiments.worlds.command import list_scenarios
 from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
@@ -121,7 +122,7 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[SCENARIO]...",
-            help="Names, YAML files or SUMO configurations (.sumocfg);"
+            help="Names, YAML files, SUMO configurations (.sumocfg) or CommonRoad files (.xml);"
             f" {' and '.join(runs.SCENARIOS)} if none is given.",
         ),
     ] = None,
@@ -188,7 +189,11 @@ def run(
 @app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
 def simulate(
     name: Annotated[
-        str, typer.Argument(help="A scenario's name, YAML file or SUMO configuration (.sumocfg).")
+        str,
+        typer.Argument(
+            help="A scenario's name, YAML file, SUMO configuration (.sumocfg) or CommonRoad file"
+            " (.xml)."
+        ),
     ],
     out: OutFile,
     seed: Seed = 0,
@@ -277,6 +282,7 @@ app.command(epilog="Example: mdkf sweep lengths.yaml --out out --workers 2")(swe
 app.command(
     epilog="Example: mdkf search --filter md --against imm --scenario stop_and_go --out worst"
 )(search)
+app.command(epilog="Example: mdkf view out/worlds/bus_stop-0 --out bus_stop.rrd")(view)
 app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 

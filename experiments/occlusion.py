@@ -182,21 +182,22 @@ class OcclusionProtocol:
         return replace(kept, provenance=provenance)
 
 
-def recorded_gaps(tracks: Detections | Tracks, expected: OcclusionProtocol | None = None) -> Gaps:
-    """The gaps that were applied to detections, or to those behind tracks.
+def recorded_gaps(table: Detections | Tracks, expected: OcclusionProtocol | None = None) -> Gaps:
+    """The gaps that were applied to these detections, or to those behind these tracks.
 
-    Raises `TableError` if the tracks tell of another protocol than the expected one, or of gaps
+    Raises `TableError` if the table tells of another protocol than the expected one, or of gaps
     that cannot be read.
     """
-    protocol, rows = _told(tracks.provenance)
+    name = type(table).__name__.lower()
+    protocol, rows = _told(name, table.provenance)
     if expected is not None and str(expected) != protocol:
-        raise TableError(f"the tracks come from occlusion {protocol}, expected {expected}")
+        raise TableError(f"the {name} come from occlusion {protocol}, expected {expected}")
     return Gaps(rows[:, 0], rows[:, 1], rows[:, 2], reappear=not protocol.startswith("late"))
 
 
 def recorded_protocol(detections: Detections) -> str:
     """The protocol that was applied to detections; `TableError` as `recorded_gaps`."""
-    return _told(detections.provenance)[0]
+    return _told("detections", detections.provenance)[0]
 
 
 def _settings(text: str) -> dict[str, Any]:
@@ -216,7 +217,7 @@ def _settings(text: str) -> dict[str, Any]:
     return settings
 
 
-def _told(provenance: Mapping[str, str]) -> tuple[str, IntArray]:
+def _told(name: str, provenance: Mapping[str, str]) -> tuple[str, IntArray]:
     """The protocol and its gaps, (n, 3)."""
     if PROVENANCE_KEY not in provenance:
         return "none", np.empty((0, 3), dtype=np.int64)
@@ -227,6 +228,6 @@ def _told(provenance: Mapping[str, str]) -> tuple[str, IntArray]:
         return str(told["protocol"]), gaps
     except (ValueError, TypeError, KeyError, OverflowError):
         raise TableError(
-            f"the tracks' provenance has occlusion {text!r}, expected a JSON object with the"
+            f"the {name}' provenance has occlusion {text!r}, expected a JSON object with the"
             " protocol and its gaps of (object, start, stop)"
         ) from None

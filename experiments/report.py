@@ -211,7 +211,7 @@ def _gap_pictures(
         standing, unknown = regime == "stationary", regime == "unknown"
         kinds = {"standing": standing, "moving": ~standing & ~unknown, "labelled": unknown}
         for label, of_kind in kinds.items():
-            gap = _nearest_gap(trace, distance, own.filter(of_kind))
+            gap = nearest_gap(trace, distance, own.filter(of_kind))
             if gap is None:
                 continue
             errors = own.filter(object_id=gap[0], gap_start=gap[1])
@@ -231,7 +231,7 @@ def _gap_pictures(
     return pictures
 
 
-def _nearest_gap(trace: Trace, distance: Any, errors: pl.DataFrame) -> tuple[int, int, int] | None:
+def nearest_gap(trace: Trace, distance: Any, errors: pl.DataFrame) -> tuple[int, int, int] | None:
     """The gap (object, start, stop) whose object is nearest to the sensor as it begins, of those
     that every filter's track goes through uncaptured."""
     free = ((pl.col("track_id") >= 0) & ~pl.col("captured")).all().over("object_id", "gap_start")

@@ -12,6 +12,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
+from scenarios.commonroad import EGO, commonroad_scenario, is_commonroad
 from scenarios.kitti import PREFIX, kitti_names, kitti_scenario
 from scenarios.scenario import (
     ClosedFormScenario,
@@ -43,6 +44,8 @@ from scenarios.sumo_configuration import is_configuration, read_configuration
 DEFINITION = "scenario.yaml"
 DEFAULT_DURATION = 60.0
 """Of a SUMO configuration that does not say when it ends [s]."""
+DEFAULT_SENSOR_HEIGHT: float = ScenarioSettings.model_fields["sensor_height"].default
+"""Of files that are no scenario files of this package's [m]."""
 _FOLDER = Path(__file__).resolve().parent
 
 
@@ -53,8 +56,9 @@ def list_names() -> tuple[str, ...]:
 
 
 def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
-    """Load a scenario of the catalogue by name, or a user's own by the path of its file: YAML, or a
-    SUMO configuration (.sumocfg), whose parameters are `warmup` and `duration` [s].
+    """Load a scenario of the catalogue by name, or a user's own by the path of its file: YAML, a
+    SUMO configuration (.sumocfg), whose parameters are `warmup` and `duration` [s], or a CommonRoad
+    scenario (.xml), whose parameter `ego` is the id of the obstacle that carries the sensor.
 
     `kitti-0001` is a recorded sequence, in the folder that `MDKF_KITTI` names.
 
@@ -67,6 +71,9 @@ def load(name_or_path: str | Path, /, **parameters: float) -> Scenario:
     path = _locate(name_or_path)
     if is_configuration(path):
         return _configured(path, parameters)
+    if is_commonroad(path):
+        chosen = _choose(_name_of(path), (EGO,), parameters)
+        return commonroad_scenario(path, _name_of(path), chosen, DEFAULT_SENSOR_HEIGHT)
     settings = read_settings(path, settings_of, ScenarioError)
     specs = tuple(
         ParameterSpec(name=key, **dict(value)) for key, value in settings.parameters.items()
@@ -123,7 +130,7 @@ def _own_names() -> tuple[str, ...]:
 def _configured(path: Path, given: Mapping[str, object]) -> ConfiguredScenario:
     """A scenario of a SUMO configuration and of nothing else."""
     configuration = read_configuration(path)
-    name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)[:MAX_NAME]
+    name = _name_of(path)
     length = DEFAULT_DURATION
     if configuration.end is not None:
         length = min(max(configuration.end - configuration.begin, MIN_DURATION), MAX_DURATION)
@@ -148,7 +155,7 @@ def _configured(path: Path, given: Mapping[str, object]) -> ConfiguredScenario:
         parameters=chosen,
         parameter_specs=specs,
         duration=chosen["duration"],
-        sensor_height=ScenarioSettings.model_fields["sensor_height"].default,
+        sensor_height=DEFAULT_SENSOR_HEIGHT,
         statics=(),
         walkers=(),
         definition=path,
@@ -158,6 +165,11 @@ def _configured(path: Path, given: Mapping[str, object]) -> ConfiguredScenario:
         kinematics="smooth",
         configuration=configuration,
     )
+
+
+def _name_of(path: Path) -> str:
+    """A scenario's name from that of its file."""
+    return re.sub(r"\W", "_", path.stem, flags=re.ASCII)[:MAX_NAME]
 
 
 def _locate(name_or_path: str | Path) -> Path:

@@ -13,7 +13,7 @@ from string import Template
 from typing import ClassVar, Literal
 
 Kind = Literal["car", "van", "bus", "truck", "bicycle", "pedestrian", "wall"]
-Source = Literal["sumo", "highway-env", "closed-form", "kitti"]
+Source = Literal["sumo", "highway-env", "closed-form", "kitti", "commonroad"]
 Kinematics = Literal["smooth", "raw"]
 MotionName = Literal[
     "polynomial", "speed_change", "circle", "lane_change", "journey", "passing_bus"
@@ -89,7 +89,7 @@ class Scenario:
     `parameters` are the values in use; `duration` [s] is what is recorded; the sensor is carried
     at `sensor_height` [m]; `statics`, which never move, and `walkers` belong to the bridge;
     `definition` is the YAML file. What else there is depends on the source: `SumoScenario`,
-    `HighwayScenario`, `ClosedFormScenario`, `KittiScenario`.
+    `HighwayScenario`, `ClosedFormScenario`, `KittiScenario`, `CommonRoadScenario`.
     """
 
     name: str

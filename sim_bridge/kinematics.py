@@ -9,7 +9,7 @@ c = p - L/2 u, so c' = v - L/2 h' n, c'' = a - L/2 (h'' n - h'^2 u),
 c''' = j - L/2 ((h''' - h'^3) n - 3 h' h'' u).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -84,6 +84,14 @@ def smooth_motion(
     p = spline(u) + origin
     v, a, j = (spline.derivative(d)(u) / CONTROL_STEP**d for d in (1, 2, 3))
     return _centre(ticks[kept], p, v, a, j, yaw[kept], length, wheelbase)
+
+
+def within(motion: Motion, n_frames: int, stride: int) -> Motion | None:
+    """The motion in the frames 0..n_frames-1, `stride` ticks apart; None if it is in none."""
+    inside = (motion.tick >= 0) & (motion.tick < n_frames * stride) & (motion.tick % stride == 0)
+    if not inside.any():
+        return None
+    return Motion(*(getattr(motion, field.name)[inside] for field in fields(Motion)))
 
 
 def raw_motion(

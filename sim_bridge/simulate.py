@@ -4,7 +4,7 @@ import hashlib
 import json
 import operator
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mdkf.tables import KINDS, EgoPath, FloatArray, IntArray, Trace
 from scenarios import (
     ClosedFormScenario,
+    CommonRoadScenario,
     ConfiguredScenario,
     HighwayScenario,
     KittiScenario,
@@ -23,8 +24,9 @@ from scenarios import (
 from sim_bridge import highway, sumo
 from sim_bridge.bodies import MOTION, STATIC, Body, World, static_bodies
 from sim_bridge.closed_form import closed_form_world
+from sim_bridge.commonroad import commonroad_world
 from sim_bridge.frames import frames_of
-from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, Motion, raw_motion, smooth_motion
+from sim_bridge.kinematics import CONTROL_STEP, INTEGRATION_STEP, raw_motion, smooth_motion, within
 from sim_bridge.line_of_sight import visible_fractions
 from sim_bridge.network_check import SimulationError
 from sim_bridge.overlap import disjoint, first_overlap
@@ -64,7 +66,7 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
 
     Of a user's own SUMO configuration the trace lasts as long as the ego vehicle is on the road;
     vehicles that drive through others are left out of it. The provenance tells the `ego` and how
-    many were `left_out`.
+    many were `left_out`. So it is of a CommonRoad scenario, which is the same for every seed.
 
     Raises `SimulationError` for bad inputs and for a simulator that fails, and `SeedRefused` for
     a seed in which the ego vehicle is not there all the time or two boxes overlap; `KittiError`
@@ -90,6 +92,9 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
     ticks = np.arange(n_frames) * stride
     if isinstance(scenario, ClosedFormScenario):
         world = closed_form_world(scenario, seed, ticks)
+    elif isinstance(scenario, CommonRoadScenario):
+        world = commonroad_world(scenario, ticks, stride)
+        provenance["ego"] = scenario.ego
     else:
         assert isinstance(scenario, SumoScenario | HighwayScenario)
         world = _simulated_world(scenario, seed, stride, ticks)
@@ -99,7 +104,7 @@ def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
         "simulator": world.simulator,
         "kinematics": getattr(scenario, "kinematics", "exact"),
     }
-    if isinstance(scenario, ConfiguredScenario):
+    if isinstance(scenario, ConfiguredScenario | CommonRoadScenario):
         everybody = len(world.others)
         world = _without_overlap(world, n_frames, stride)
         provenance["left_out"] = str(everybody - len(world.others))
@@ -187,12 +192,8 @@ def _bodies(
         else:
             first = int(time[0]) * per_sample
             motion = smooth_motion(first, front[::every], heading[::every], length, stride)
-        if motion is None:
-            continue
-        inside = (motion.tick >= 0) & (motion.tick < n_frames * stride)
-        inside &= motion.tick % stride == 0
-        if inside.any():
-            kept = Motion(*(getattr(motion, f.name)[inside] for f in fields(Motion)))
+        kept = None if motion is None else within(motion, n_frames, stride)
+        if kept is not None:
             size = (length, float(recording.width[vehicle]), float(recording.height[vehicle]))
             yield Body(name, recording.kinds[vehicle], *size, motion=kept)
 

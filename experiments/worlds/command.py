@@ -31,7 +31,9 @@ SEEDS = 5
 def list_scenarios(
     name: Annotated[
         str | None,
-        typer.Argument(help="A scenario's name, YAML file or SUMO configuration, to describe."),
+        typer.Argument(
+            help="A scenario's name, YAML file, SUMO configuration or CommonRoad file, to describe."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the world that is described.", min=0)] = 0,
     picture: Annotated[
@@ -100,7 +102,7 @@ def _row(scenario: scenarios.Scenario) -> dict[str, Any]:
 
 
 def _own(trace: Trace) -> dict[str, Any]:
-    """What only the trace of a user's own SUMO configuration tells."""
+    """What only the trace of a user's own SUMO configuration or CommonRoad file tells."""
     told = trace.provenance
     return {"ego": told["ego"], "left_out": int(told["left_out"])} if "ego" in told else {}
 

@@ -28,7 +28,7 @@ from tests.experiments.commands import (
 
 COMMANDS = (
     *("run", "scenarios", "cache", "simulate", "detect", "track", "score", "paper", "bench"),
-    *("fit-detector", "check-detector", "kitti", "export", "import", "sweep", "search"),
+    *("fit-detector", "check-detector", "kitti", "export", "import", "view", "sweep", "search"),
 )
 KEYS = {
     *("scenario", "filter", "seeds", "hota", "mota", "idf1", "idsw"),
