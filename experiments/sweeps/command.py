@@ -173,7 +173,7 @@ def _told(results: SweepResults, preview: bool) -> Iterator[str]:
         told = f"{left} runs are left: about {_duration(progress.remaining)} on {workers} processes"
         yield f"{told}; the same command without --preview does them"
     for status, what in (("refused", "were refused"), ("failed", "failed")):
-        own = results.runs.filter(pl.col("status") == status).select("error").collect()["error"]
+        own = results.runs.filter(pl.col("status") == status)["error"]
         if len(own):
             yield f"{len(own)} runs {what}, for example: {own[0]}"
 

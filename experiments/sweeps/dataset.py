@@ -24,6 +24,9 @@ from sim_bridge.parquet import read_frame, write_frame
 
 LOCK = ".lock"
 
+AT_A_TIME = 64
+"""Files that are read together."""
+
 KINDS = {"runs": RUNS, "growth": GROWN}
 """Kinds of rows and their columns."""
 
@@ -90,12 +93,17 @@ class Dataset:
             for path in paths
         }
 
-    def rows(self, kind: str) -> pl.LazyFrame:
-        """All rows of a kind, `runs` or `growth`."""
+    def rows(self, kind: str, runs: pl.DataFrame, *kept: pl.Expr) -> pl.DataFrame:
+        """The rows of a kind, `runs` or `growth`, that are of some runs (a column `run`), and that
+        all the conditions keep. Some files are read at a time: thousands at once take many times
+        the memory of what is in them."""
         paths = sorted(self._of(kind))
-        if not paths:
-            return pl.LazyFrame(schema=KINDS[kind])
-        return pl.scan_parquet(paths, hive_partitioning=False)
+        parts = [pl.DataFrame(schema=KINDS[kind])]
+        for first in range(0, len(paths), AT_A_TIME):
+            files = pl.scan_parquet(paths[first : first + AT_A_TIME], hive_partitioning=False)
+            own = files.filter(*kept) if kept else files
+            parts.append(own.join(runs.lazy(), on="run", how="semi").collect())
+        return pl.concat(parts)
 
     def _of(self, kind: str) -> Iterator[Path]:
         return self.folder.glob(f"{kind}/*/*.parquet")

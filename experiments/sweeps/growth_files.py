@@ -19,17 +19,21 @@ CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
 """Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""
 
 
-def curves(growth: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
+def on_curve(sweep: Sweep) -> pl.Expr:
+    """Which rows of growth the curves are made of: most are not on them."""
+    at_its_end = pl.col("offset") + 1 == _length(sweep)
+    return pl.lit(_within(sweep)) | at_its_end | pl.col("occlusion").is_in(_texts(sweep, "natural"))
+
+
+def curves(growth: pl.DataFrame, sweep: Sweep) -> pl.DataFrame:
     """The error-growth curves of a sweep, with the columns `CURVES`: over the lengths of its gaps,
     or within the gaps if they are all of one length.
 
-    growth: rows with the columns `experiments.sweeps.task.GROWN`.
+    growth: rows with the columns `experiments.sweeps.task.GROWN`, those `on_curve` at least.
     """
-    lengths = {str(one): one.length for one in sweep.occlusions}
-    own = [one.length for one in sweep.occlusions if one.kind not in ("none", "natural")]
     names = dict(zip(map(_world, sweep.scenarios), sweep.labels(), strict=True))
-    rows = growth.collect().with_columns(
-        length=pl.col("occlusion").replace_strict(lengths, return_dtype=pl.Int64),
+    rows = growth.with_columns(
+        length=_length(sweep),
         # Of one scenario with different parameters each is a cluster of its own.
         scenario=pl.concat_str("scenario", "parameters").replace_strict(
             names, return_dtype=pl.String
@@ -39,10 +43,26 @@ def curves(growth: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
     rows = rows.sort(pl.col("filter").cast(order), maintain_order=True)
     found = [pl.DataFrame(schema=CURVES)]
     for (detector, tracker), one in rows.group_by("detector", "tracker", maintain_order=True):
-        curve = growth_curve(one, within=len(set(own)) < 2)
+        curve = growth_curve(one, within=_within(sweep))
         which = [pl.lit(detector).alias("detector"), pl.lit(tracker).alias("tracker")]
         found.append(curve.select(*which, *CURVE))
     return pl.concat(found)
+
+
+def _within(sweep: Sweep) -> bool:
+    """Whether all gaps that are made are of one length."""
+    made = {one.length for one in sweep.occlusions if one.kind not in ("none", "natural")}
+    return len(made) < 2
+
+
+def _length(sweep: Sweep) -> pl.Expr:
+    """The length of each row's occlusion."""
+    lengths = {str(one): one.length for one in sweep.occlusions}
+    return pl.col("occlusion").replace_strict(lengths, default=None, return_dtype=pl.Int64)
+
+
+def _texts(sweep: Sweep, kind: str) -> list[str]:
+    return [str(one) for one in sweep.occlusions if one.kind == kind]
 
 
 def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:

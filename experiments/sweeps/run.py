@@ -19,8 +19,8 @@ import polars as pl
 from experiments import engine
 from experiments.sweeps import manifest, task
 from experiments.sweeps.cluster import on_cluster
-from experiments.sweeps.dataset import KINDS, Dataset
-from experiments.sweeps.growth_files import curves, write_growth
+from experiments.sweeps.dataset import Dataset
+from experiments.sweeps.growth_files import curves, on_curve, write_growth
 from experiments.sweeps.progress import Progress
 from experiments.sweeps.summary import differences, summarise
 from experiments.sweeps.sweep import Setup, Sweep
@@ -36,14 +36,13 @@ from sim_bridge.parquet import write_frame
 class SweepResults:
     """The results of a sweep, as far as they are there, and what they say.
 
-    runs, growth: its rows (`RUNS`, `GROWN` of `experiments.sweeps.task`). summary: means over
+    runs: a row each (`experiments.sweeps.task.RUNS`). summary: means over
     seeds; differences: of the first filter from the others, paired. curves: of error growth
     (`experiments.sweeps.growth_files.CURVES`), pictures: of them; none of a sweep that is
     interrupted. progress: what was done.
     """
 
-    runs: pl.LazyFrame
-    growth: pl.LazyFrame
+    runs: pl.DataFrame
     summary: pl.DataFrame
     differences: pl.DataFrame
     curves: pl.DataFrame
@@ -100,12 +99,12 @@ def run_sweep(
                 watch(progress)
             state = "finished" if progress.there == progress.total else "incomplete"
         finally:
-            own = pl.LazyFrame(
+            own = pl.DataFrame(
                 {"run": [each.run(one) for each in everything for one in each.setups]}
             )
             drawn = state != "interrupted"
             results = _ended(sweep, dataset, own, progress, drawn)
-            status = results.runs.collect()["status"].value_counts().iter_rows()
+            status = results.runs["status"].value_counts().iter_rows()
             manifest.end(out, told, state, dict(status), dataset.files())
     return results
 
@@ -166,13 +165,14 @@ def _outcomes(
 
 
 def _ended(
-    sweep: Sweep, dataset: Dataset, own: pl.LazyFrame, progress: Progress, drawn: bool
+    sweep: Sweep, dataset: Dataset, own: pl.DataFrame, progress: Progress, drawn: bool
 ) -> SweepResults:
     """The results of all that is there of a sweep's own runs, written beside them."""
-    runs, growth = (dataset.rows(kind).join(own, on="run", how="semi") for kind in KINDS)
+    runs = dataset.rows("runs", own)
     found = summarise(runs, sweep), differences(runs, sweep)
     for name, frame in zip(("summary", "differences"), found, strict=True):
         write_frame(frame, dataset.folder / f"{name}.parquet")
-    curve = curves(growth if drawn else growth.clear(), sweep)
+    growth = own.clear() if not drawn else own
+    curve = curves(dataset.rows("growth", growth, on_curve(sweep)), sweep)
     pictures = write_growth(curve, dataset.folder) if drawn else []
-    return SweepResults(runs, growth, *found, curve, pictures, progress)
+    return SweepResults(runs, *found, curve, pictures, progress)

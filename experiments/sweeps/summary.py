@@ -21,7 +21,7 @@ COMPARED = (
 """Scores whose paired differences are told."""
 
 
-def summarise(runs: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
+def summarise(runs: pl.DataFrame, sweep: Sweep) -> pl.DataFrame:
     """A row for each world but its seed, and filter: `WORLD`, `label` (`Sweep.labels`), `filter`,
     `seeds`; of each score its mean, and as `_low` and `_high` its 95 % interval, by Student's t
     over the seeds; null where there is no value, or one alone.
@@ -31,11 +31,11 @@ def summarise(runs: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
     done = runs.filter(pl.col("status") == DONE)
     found = done.group_by(*WORLD, "filter").agg(pl.len().alias("seeds"), *_moments(METRICS))
     scores = [f"{metric}{end}" for metric in METRICS for end in ("", "_low", "_high")]
-    whole = _with_intervals(found.collect(), METRICS)
+    whole = _with_intervals(found, METRICS)
     return _ordered(whole, sweep).select(*WORLD, "label", "filter", "seeds", *scores)
 
 
-def differences(runs: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
+def differences(runs: pl.DataFrame, sweep: Sweep) -> pl.DataFrame:
     """The first filter less each other, paired by seed: `WORLD`, `label`, `filter`, `against`,
     `metric`, `difference`, its interval from `low` to `high` as in `summarise`, `seeds`."""
     subject = sweep.filters[0].name
@@ -46,7 +46,7 @@ def differences(runs: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
     less = both.with_columns(
         (pl.col(f"{metric}_first") - pl.col(metric)).alias(metric) for metric in COMPARED
     )
-    found = less.group_by(*WORLD, "filter").agg(*_moments(COMPARED)).collect()
+    found = less.group_by(*WORLD, "filter").agg(*_moments(COMPARED))
     whole = _ordered(_with_intervals(found, COMPARED), sweep)
     return pl.concat(
         whole.select(

@@ -98,5 +98,5 @@ def test_every_protocol_can_be_swept(tmp_path: Path, text: str) -> None:
     """Around switches of motion, several gaps, at the end: as text or by its fields."""
     own = small(scenarios=["brake_to_standstill"], occlusions=[text], seeds=1, filters=["ca"])
     results = run_sweep(own, tmp_path / "out", workers=1, cached=False)
-    assert results.runs.collect()["status"].to_list() == ["done"]
-    assert results.runs.collect()["occlusion"].to_list() == [text]
+    assert results.runs["status"].to_list() == ["done"]
+    assert results.runs["occlusion"].to_list() == [text]
