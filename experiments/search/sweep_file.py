@@ -1,6 +1,5 @@
 """A worst case into a sweep file: exactly the worlds in which it was confirmed."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,29 +8,29 @@ import yaml
 import scenarios
 from experiments.search.plan import Plan
 from experiments.search.space import Point
-from mdkf import DETECTORS
 from sim_bridge import detector_name
 from sim_bridge.parquet import replacing
 
 
 def sweep_document(plan: Plan, point: Point) -> dict[str, Any]:
-    """The sweep of a point's fresh seeds, as YAML takes it."""
+    """The sweep of a point's fresh seeds, as YAML takes it; files by whole paths, so that they are
+    found from wherever it is run."""
     name = plan.space.scenario
     own = name in scenarios.list()
+    profile = Path(plan.detector)
     parameters = {**plan.space.fixed, **point}
     document: dict[str, Any] = {
         "scenarios": [
-            # A file is found from wherever the sweep is run.
             {"name": name if own else str(Path(name).resolve()), "parameters": parameters}
         ],
         "seeds": list(plan.fresh_seeds),
-        "detectors": [plan.detector],
+        "detectors": [str(profile.resolve()) if profile.is_file() else plan.detector],
         "occlusions": [str(plan.occlusion)],
         "filters": list(plan.goal.filters),
         "gap_truth": plan.gap_truth,
     }
     if plan.settings != detector_name(plan.detector):
-        document["tracker"] = asdict(DETECTORS[plan.settings])
+        document["tracker"] = {"settings": plan.settings}
     return document
 
 
