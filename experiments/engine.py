@@ -44,10 +44,12 @@ def outcomes(
 
     Raises what `work` raises, and `RunFailed` if a worker dies and `dead` is None.
     """
-    workers = min(workers or cores(), max(len(inputs), 1))
-    if workers == 1:
+    workers = workers or cores()
+    # One input alone is done here too, unless it may be the death of who does it.
+    if workers == 1 or not inputs or (len(inputs) == 1 and dead is None):
         yield from map(work, inputs)
         return
+    workers = min(workers, len(inputs))
     waiting, suspects = iter(inputs), list[Input]()
     while not (yield from _on_processes(work, waiting, workers, warm_up, suspects)):
         if dead is None:

@@ -147,6 +147,8 @@ def test_a_run_that_kills_its_worker_is_a_row_and_the_others_go_on(tmp_path: Pat
     )
     assert results.progress.failed == 6
     assert "worker process died" in kept(tmp_path / "all")["error"][0]
+    alone = small(scenarios=["stationary"], filters=[deadly], seeds=1)
+    assert run_sweep(alone, tmp_path / "one", workers=2, cached=False).progress.failed == 1
     (only,) = small(scenarios=["stationary"], filters=[deadly], seeds=1).setups()
     usual = small(filters=["ca"], seeds=3)
     tasks = run_module.tasks_of(usual, None)
