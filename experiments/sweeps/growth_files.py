@@ -5,15 +5,15 @@ from pathlib import Path
 
 import polars as pl
 
+from experiments.figures import write_figure
 from experiments.growth import CURVE, growth_curve, growth_figure
 from experiments.sweeps.sweep import Sweep
 from experiments.sweeps.task import parameters_of
 from scenarios import Scenario
-from sim_bridge.parquet import replacing, write_frame
+from sim_bridge.parquet import write_frame
 
 DT = 0.1
 """Time between the frames of a sweep's worlds [s]."""
-DOTS_PER_INCH = 150
 
 CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
 """Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""
@@ -58,8 +58,7 @@ def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:
         of = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.=]+", "-", f"{detector}-{tracker}")
         for kind in ("svg", "png"):
             path = folder / f"growth{of.rstrip('-')}.{kind}"
-            with replacing(path) as temporary:
-                figure.savefig(temporary, format=kind, dpi=DOTS_PER_INCH)
+            write_figure(figure, path)
         pictures.append(path)
     return pictures
 
