@@ -81,7 +81,9 @@ class Evaluation(Job):
     def _measured(self) -> Iterator[dict[str, Any]]:
         # Parameters are tried once: a cache of traces would be filled with what nobody asks again.
         trace = simulate(self.scenario, self.seed)
-        occluded = self.occlusion.apply(detect(trace, detector_named(self.detector), self.seed), trace)
+        occluded = self.occlusion.apply(
+            detect(trace, detector_named(self.detector), self.seed), trace
+        )
         rules = (DETECTORS[self.settings], self.occlusion, self.gap_truth)
         for name in self.filters:
             summary = follow(trace, occluded, filter_named(name), *rules).summary()
@@ -145,5 +147,3 @@ def _contents(package: str) -> str:
         if path.parent.name != "__pycache__":
             digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
