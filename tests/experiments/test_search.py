@@ -181,7 +181,7 @@ GOOD = {"--filter": "md", "--against": "imm", "--scenario": "stop_and_go"}
         ({"--bounds": "speed=9:12", "--set": "speed=10"}, ["speed is fixed and has bounds"]),
         ({"--set": "speed=fast"}, ["'speed=fast'", "NAME=NUMBER"]),
         ({"--detector": "radar"}, ["unknown detector 'radar'"]),
-        ({"--occlusion": "mid"}, ["'mid'", "KIND:LENGTH"]),
+        ({"--occlusion": "mid:x"}, ["'mid:x'", "KIND:LENGTH"]),
         ({"--scenario": "kitti-0001"}, ["kitti-0001"]),
     ],
 )
