@@ -5,7 +5,6 @@ from pathlib import Path
 
 import polars as pl
 
-from experiments.figures import write_figure
 from experiments.growth import CURVE, growth_curve, growth_figure
 from experiments.sweeps.sweep import Sweep
 from experiments.sweeps.task import parameters_of
@@ -48,6 +47,9 @@ def curves(growth: pl.LazyFrame, sweep: Sweep) -> pl.DataFrame:
 def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:
     """Write `growth.parquet` and, for each detector and set of rules, `growth.svg` and `.png`;
     which pictures there are. Of several each has their names in its own."""
+    # As in `growth_figure`: workers, which draw nothing, do not wait for matplotlib.
+    from experiments.figures import write_figure
+
     write_frame(curve, folder / "growth.parquet")
     pictures = []
     groups = list(curve.group_by("detector", "tracker", maintain_order=True))
