@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from experiments.phases import WINDOW
 from experiments.population import naturally_occluded
 from mdkf.tables import REGIMES, UNKNOWN_REGIME, BoolArray, IntArray, Trace, Tracks

@@ -16,7 +16,6 @@ from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from typer.exceptions import TyperException
 
 import mdkf
@@ -44,6 +43,7 @@ from experiments.options import (
     chosen_parameters,
     chosen_rules,
     chosen_settings,
+    counting,
     simulated,
 )
 from experiments.paper.command import paper
@@ -156,12 +156,11 @@ def run(
         gap_truth=chosen_gap_truth(gap_truth),
         cache=None if no_cache else sim_bridge.user_cache(),
     )
-    columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with _made(out), counting("worlds") as progress:
+        of = len(plan.worlds(out))
+        progress(0, of)
+        results = runs.run(plan, out, workers, lambda done: progress(done, of))
     console = Console(stderr=True)
-    bars = Progress(*columns, console=console, disable=not console.is_terminal)
-    with _made(out), bars as bar:
-        task = bar.add_task("worlds", total=len(plan.worlds(out)))
-        results = runs.run(plan, out, workers, lambda done: bar.update(task, completed=done))
     for reason in results.refused:
         console.print(f"refused: {reason}", style="yellow", highlight=False, markup=False)
     page = write_report(plan, results, out, shlex.join(["mdkf", *sys.argv[1:]]))

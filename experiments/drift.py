@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from experiments.alone import by_object, distance, steps
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from mdkf import Detections, Estimator, Trace, TrackerSettings, filter_sequence
 from mdkf.tables import BoolArray, FloatArray, IntArray
 

@@ -1,10 +1,12 @@
 """Results into pictures: one gap from above, its errors over time, mean errors over all gaps.
 
-Every function returns a matplotlib figure; `as_svg` makes it a string for a page.
+Every function returns a matplotlib figure; `as_svg` makes it a string for a page, `write_figure` a
+file.
 """
 
 import io
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -16,6 +18,7 @@ from matplotlib.patches import Polygon
 
 from experiments.statistics import mean_interval
 from mdkf.tables import KINDS, Detections, FloatArray, Trace, Tracks
+from sim_bridge.parquet import replacing
 
 _COLOURS = {"ca": "#e07b00", "imm": "#2a9d3a", "imm-zero": "#8fce5a", "md": "#1f5fd0"}
 _OTHERS = ("#7b3fb5", "#c2185b", "#00838f", "#6d4c41", "#546e7a")
@@ -23,6 +26,9 @@ FOOTPRINT = ("x", "y", "yaw", "length", "width")
 """What a box is from above."""
 CONFIDENCE_SCALE = float(np.sqrt(-2 * np.log(1 - 0.95)))
 """Semi-axes of the 95 % ellipse of two dimensions, in standard deviations."""
+
+DOTS_PER_INCH = 150
+"""Of pictures in pixels."""
 
 _CONTEXT = 30
 """Frames before and after a gap that the picture shows."""
@@ -42,12 +48,27 @@ def line_style(name: str) -> str:
 
 def as_svg(figure: Figure) -> str:
     """The figure as an SVG element; equal figures give equal text."""
+    text = _svg(figure)
+    return text[text.index("<svg") :]
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write the figure, whole or not at all, as `.svg` or `.png`, by the file's name; equal figures
+    give equal files. `OSError` as `sim_bridge.parquet.replacing`."""
+    with replacing(path) as temporary:
+        if path.suffix == ".svg":
+            temporary.write_text(_svg(figure), encoding="utf-8")
+        else:
+            figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
+
+
+def _svg(figure: Figure) -> str:
+    """The figure as an SVG document; its text is text, which can be searched and edited."""
     buffer = io.StringIO()
     settings: Any = {"svg.fonttype": "none", "svg.hashsalt": "mdkf", "font.family": "sans-serif"}
     with matplotlib.rc_context(settings):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    return buffer.getvalue()
 
 
 def gap_figure(

@@ -11,8 +11,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from experiments.gaps import Gaps
 from experiments.metrics import COLUMNS, ClearMatches, Sequence, clear_matches, sequence_from_rows
-from experiments.occlusion import Gaps, OcclusionProtocol, recorded_gaps
+from experiments.occlusion import OcclusionProtocol, recorded_gaps
 from experiments.pairing import UNASSIGNED
 from experiments.population import GapTruth, Population, population
 from experiments.states import GospaScores, StateErrors, gospa, state_errors

@@ -22,8 +22,6 @@ from experiments.natural import natural_occlusions
 from experiments.regime_switches import regime_switches
 from mdkf.tables import CLUTTER, Detections, IntArray, TableError, Trace, Tracks
 
-__all__ = ["Gap", "Gaps", "Kind", "OcclusionProtocol", "recorded_gaps"]
-
 Kind = Literal["mid", "late", "switch", "natural", "none"]
 
 WARMUP = 35

@@ -143,13 +143,23 @@ def busy(what: str) -> Any:
     return console.status(what) if console.is_terminal else nullcontext()
 
 
+def progress_bar(console: Console) -> Progress:
+    """What is done, a bar, how many of how many, and the time that it took; on a terminal."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
+    return Progress(*columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal)
+
+
 @contextmanager
 def progress_of(total: int, begin: str) -> Iterator[Callable[[str], None]]:
-    """A bar on a terminal, moved on by telling what was done last."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
-    ) as bar:
+    """A bar moved on by telling what was done last."""
+    with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(begin, total=total)
         yield lambda done: bar.update(task, advance=1, description=done)
+
+
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar moved on by telling how many are done, of how many."""
+    with progress_bar(Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from experiments.population import MATCH_DISTANCE
 from mdkf.tables import REGIMES, Trace, Tracks
 

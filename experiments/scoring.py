@@ -6,9 +6,10 @@ from functools import cached_property
 import polars as pl
 
 from experiments.breakdown import breakdown
+from experiments.gaps import Gaps
 from experiments.matched import Matched, Similarity, matched
 from experiments.metrics import ClearScores, HotaScores, IdentityScores, clear_of, hota, identity
-from experiments.occlusion import Gaps, OcclusionProtocol
+from experiments.occlusion import OcclusionProtocol
 from experiments.phases import gap_errors
 from experiments.population import GapTruth
 from experiments.states import GospaScores, StateErrors

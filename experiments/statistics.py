@@ -1,5 +1,7 @@
-"""Values of several seeds, clusters or parts into a mean and its 95 % interval."""
+"""Values of several seeds, clusters or parts into a mean and its 95 % interval; p-values of several
+tests into what they are together."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,8 @@ from scipy import stats
 from mdkf.tables import FloatArray
 
 CONFIDENCE = 0.95
+SIGNIFICANCE = 1 - CONFIDENCE
+"""Corrected p-value up to which an effect is told from none."""
 RESAMPLES = 2000
 
 
@@ -80,6 +84,16 @@ def mean_intervals(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArr
         return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
     return mean, mean - half, mean + half
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """p-values corrected for their number (Holm, 1979): in ascending order the k-th, from 0, times
+    how many are left, n - k, and none smaller than the one before."""
+    ascending = np.argsort(p, kind="stable")
+    left = len(p) - np.arange(len(p))
+    corrected = np.empty(len(p))
+    corrected[ascending] = np.maximum.accumulate(np.asarray(p)[ascending] * left)
+    return [float(value) for value in np.minimum(corrected, 1.0)]
 
 
 def told(value: float) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 from mdkf.columns import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from mdkf.tables import Table
+    from mdkf.table import Table
 
 FIRST_ROWS = 5
 """Rows that are shown in a notebook."""

@@ -135,9 +135,9 @@ def _read(path: Path, identity: str, seed: int, dt: float) -> Trace | None:
 @cache
 def _makers() -> str:
     """The sources that decide what a trace is, and the versions of what they call."""
-    tables = Path(mdkf.__file__).with_name("tables.py")
+    tables = [Path(mdkf.__file__).with_name(name) for name in ("table.py", "tables.py")]
     rooms = (Path(package).parent for package in (scenarios.__file__, __file__))
-    sources = [tables, *(path for room in rooms for path in sorted(room.rglob("*.py")))]
+    sources = [*tables, *(path for room in rooms for path in sorted(room.rglob("*.py")))]
     return _digest(
         {path.parent.name + "/" + path.name: _digest(path.read_text("utf-8")) for path in sources},
         {package: _version(package) for package in _PACKAGES},

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from mdkf.tables import KINDS, REGIMES, Detections, EgoPath, Trace, Tracks
 
 Rows = Sequence[tuple[int, int, float, float]]

@@ -24,7 +24,7 @@ from scipy import stats
 from experiments.claims.evidence import RESAMPLES, Evidence, evidence, evidence_of_recordings
 from experiments.claims.hypotheses import SOURCES, Hypothesis, Part, Source, load, parts_of
 from experiments.estimates import RECORDED, Where, by_scenario, chosen, paired
-from experiments.statistics import CONFIDENCE, mean_interval
+from experiments.statistics import SIGNIFICANCE, holm, mean_interval
 
 HOLDS = "holds"
 DOES_NOT_HOLD = "does not hold"
@@ -33,9 +33,6 @@ UNTESTABLE = "cannot be tested here"
 VERDICTS = (HOLDS, DOES_NOT_HOLD, CONTRADICTED, UNTESTABLE)
 
 _STYLES = {HOLDS: "[green]", DOES_NOT_HOLD: "[yellow]", CONTRADICTED: "[red]", UNTESTABLE: "[dim]"}
-
-LEVEL = 1 - CONFIDENCE
-"""Corrected p-value up to which an effect is told from none."""
 
 SCOREBOARD = {
     "id": pl.String,
@@ -105,7 +102,7 @@ class Trial:
 
     def verdict(self, corrected: float) -> str:
         """By the corrected p-value."""
-        if corrected > LEVEL:
+        if corrected > SIGNIFICANCE:
             return DOES_NOT_HOLD
         return HOLDS if self.holds <= self.contradicted else CONTRADICTED
 
@@ -191,16 +188,6 @@ def again(rows: pl.DataFrame, line: Mapping[str, Any]) -> Evidence:
     part = Part(where, *(None if line[name] is None else json.loads(line[name]) for name in also))
     values = values_of(rows, part, line["measure"])
     return _evidence(values, where["study"], line["measure"], line["limit"], RESAMPLES)
-
-
-def holm(p: Sequence[float]) -> list[float]:
-    """p-values corrected for their number (Holm, 1979): in ascending order the k-th, from 0, times
-    how many are left, n - k, and none smaller than the one before."""
-    ascending = np.argsort(p, kind="stable")
-    left = len(p) - np.arange(len(p))
-    corrected = np.empty(len(p))
-    corrected[ascending] = np.maximum.accumulate(np.asarray(p)[ascending] * left)
-    return [float(value) for value in np.minimum(corrected, 1.0)]
 
 
 def counts(board: pl.DataFrame) -> str:

@@ -17,12 +17,11 @@ from experiments.detectors.profile_file import profile_yaml
 from experiments.detectors.recordings import SPLITS, recorded, sequences_of, simulated
 from experiments.detectors.sightings import Sightings
 from experiments.detectors.tables import comparison_table, distance_line, evidence_table
+from experiments.figures import write_figure
 from experiments.options import Json, Root, busy
 from scenarios.kitti import kitti_root
 from sim_bridge import KittiError, Profile
 from sim_bridge.parquet import replacing
-
-DOTS_PER_INCH = 130
 
 Seeds = Annotated[int, typer.Option(help="Simulations of every sequence.", min=1)]
 Folder = Annotated[
@@ -65,9 +64,7 @@ def fit_detector(
     with replacing(file) as temporary:
         made_by = f"A LiDAR car detector, fitted by `mdkf fit-detector` (--split {split})."
         temporary.write_text(profile_yaml(profile, made_by), encoding="utf-8")
-    with replacing(picture) as temporary:
-        drawn = figure(f"{name} on {where}", real, made)
-        drawn.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
+    write_figure(figure(f"{name} on {where}", real, made), picture)
     if as_json:
         print(json.dumps({"profile": profile.model_dump(), **_document({name: (rows, apart)})}))
         return

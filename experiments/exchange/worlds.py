@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 import polars as pl
 
-from experiments.occlusion import Gaps, recorded_gaps, recorded_protocol
+from experiments.gaps import Gaps
+from experiments.occlusion import recorded_gaps, recorded_protocol
 from experiments.population import SCORED_RANGE, counted_truth
 from mdkf import Detections, TableError, Trace, Tracks
 from mdkf.tables import BoolArray

@@ -12,12 +12,11 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from experiments.claims import scoreboard
 from experiments.engine import RunFailed
-from experiments.options import Json
+from experiments.options import Json, counting
 from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
@@ -60,22 +59,13 @@ def paper(
         return
     size = _scale(scale, seeds)
     out.mkdir(parents=True, exist_ok=True)
-    columns = (TextColumn("jobs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("jobs", total=None)
-        try:
-            results = run(
-                chosen,
-                size,
-                out,
-                workers,
-                lambda done, of: bar.update(task, completed=done, total=of),
-            )
-        except (KeyboardInterrupt, RunFailed):
-            told = f"what was done is kept in {out}: the same command goes on from there"
-            console.print(told, highlight=False, markup=False)
-            raise
+    try:
+        with counting("jobs") as progress:
+            results = run(chosen, size, out, workers, progress)
+    except (KeyboardInterrupt, RunFailed):
+        told = f"what was done is kept in {out}: the same command goes on from there"
+        Console(stderr=True).print(told, highlight=False, markup=False)
+        raise
     line = shlex.join(["mdkf", *sys.argv[1:]])
     page = write_report(chosen, results.answers, results.cells, results.verdicts, size, out, line)
     if as_json:

@@ -15,14 +15,13 @@ import polars as pl
 
 from experiments import jobs
 from experiments.claims.scoreboard import judge
+from experiments.figures import write_figure
 from experiments.jobs import Job, Store
 from experiments.paper.item import CELLS, Answer, Item
 from experiments.studies import worlds
 from experiments.studies.scale import Scale
 from experiments.warm_up import compile_sensing, compile_tracking
-from sim_bridge.parquet import replacing, write_frame
-
-DOTS_PER_INCH = 150
+from sim_bridge.parquet import write_frame
 
 
 @dataclass(frozen=True)
@@ -79,6 +78,5 @@ def _draw(answers: Mapping[str, Answer], folder: Path) -> None:
         for picture in answer.pictures:
             figure = picture.draw()
             for kind in ("svg", "png"):
-                with replacing(folder / f"{picture.name}.{kind}") as temporary:
-                    figure.savefig(temporary, format=kind, dpi=DOTS_PER_INCH)
+                write_figure(figure, folder / f"{picture.name}.{kind}")
             write_frame(picture.data, folder / f"{picture.name}.parquet")

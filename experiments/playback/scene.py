@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from experiments.figures import colours, confidence_ellipse, line_style
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from experiments.phases import gap_errors
 from experiments.population import MATCH_DISTANCE, SCORED_VISIBLE
 from mdkf.tables import KINDS, REGIMES, Detections, FloatArray, IntArray, Trace, Tracks

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from experiments.figures import colours, line_style
+from experiments.gaps import Gaps
 from experiments.matched import check_origin
-from experiments.occlusion import Gaps, recorded_gaps
+from experiments.occlusion import recorded_gaps
 from experiments.pairing import UNASSIGNED
 from experiments.phases import gap_errors
 from experiments.playback.scene import inner_diagnostics

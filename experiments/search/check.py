@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from experiments.claims.scoreboard import LEVEL, holm
 from experiments.jobs import Store
 from experiments.search.optimise import Done, Trial, Values, values_of
 from experiments.search.plan import Plan
 from experiments.search.space import Space
-from experiments.statistics import Interval, mean_interval
+from experiments.statistics import SIGNIFICANCE, Interval, holm, mean_interval
 from mdkf.tables import FloatArray
 
 APART = 0.1
@@ -114,6 +113,6 @@ def verdict(pairs: FloatArray, corrected: float) -> str:
     """By the corrected p-value of the pairs (n,)."""
     if 2 * np.isfinite(pairs).sum() < len(pairs):
         return TOO_FEW
-    if corrected > LEVEL:
+    if corrected > SIGNIFICANCE:
         return NOISE
     return CONFIRMED if np.nanmean(pairs) > 0 else REVERSED

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import sim_bridge
 from experiments.engine import RunFailed
@@ -24,6 +23,7 @@ from experiments.options import (
     chosen_occlusion,
     chosen_parameters,
     chosen_settings,
+    counting,
 )
 from experiments.search.goal import GOALS, LOSS, UNITS, Goal
 from experiments.search.plan import CHECK_SEEDS, SEEDS, TRIALS, Plan
@@ -100,16 +100,11 @@ def search(
         check_seeds=check_seeds,
         sampler_seed=sampler_seed,
     )
-    columns = (TextColumn("worlds"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("worlds", total=None)
-        found = run_search(
-            plan, out, workers, lambda done, of: bar.update(task, completed=done, total=of)
-        )
+    with counting("worlds") as progress:
+        found = run_search(plan, out, workers, progress)
     page = write_results(found, out, shlex.join(["mdkf", *sys.argv[1:]]))
     for line in told_missing(found):
-        console.print(line, style="yellow", highlight=False, markup=False)
+        Console(stderr=True).print(line, style="yellow", highlight=False, markup=False)
     if as_json:
         confirmed = found.checks.confirmed if found.checks else ()
         document = {

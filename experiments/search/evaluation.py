@@ -13,20 +13,13 @@ import polars as pl
 
 from experiments.engine import RunFailed
 from experiments.jobs import Job, Store, as_rows
+from experiments.named import detector_named, filter_named
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from experiments.world import follow
-from mdkf import DETECTORS, estimator
+from mdkf import DETECTORS
 from scenarios import Scenario
-from sim_bridge import (
-    Profile,
-    SeedRefused,
-    SimulationError,
-    detect,
-    is_recorded,
-    load_profile,
-    simulate,
-)
+from sim_bridge import SeedRefused, SimulationError, detect, simulate
 
 STUDY = "search"
 REFUSED, FAILED = "refused", "failed"
@@ -61,7 +54,7 @@ class Evaluation(Job):
             "scenario": self.scenario.identity(),
             "seed": self.seed,
             "filters": [(name, _identity(name)) for name in self.filters],
-            "detector": repr(_profile(self.detector)),
+            "detector": repr(detector_named(self.detector)),
             "settings": self.settings,
             "occlusion": str(self.occlusion),
             "gap_truth": self.gap_truth,
@@ -88,10 +81,12 @@ class Evaluation(Job):
     def _measured(self) -> Iterator[dict[str, Any]]:
         # Parameters are tried once: a cache of traces would be filled with what nobody asks again.
         trace = simulate(self.scenario, self.seed)
-        occluded = self.occlusion.apply(detect(trace, _profile(self.detector), self.seed), trace)
+        occluded = self.occlusion.apply(
+            detect(trace, detector_named(self.detector), self.seed), trace
+        )
         rules = (DETECTORS[self.settings], self.occlusion, self.gap_truth)
         for name in self.filters:
-            summary = follow(trace, occluded, _filter(name), *rules).summary()
+            summary = follow(trace, occluded, filter_named(name), *rules).summary()
             del summary["ms_per_frame"]
             for metric, value in summary.items():
                 yield {"filter": name, "metric": metric, "value": value}
@@ -130,7 +125,7 @@ def _of_metric(rows: pl.DataFrame, metric: str) -> Measured:
 def _identity(name: str) -> str:
     """All that decides what a filter computes beside the sources that stand in every job's name:
     its parameters, and of another package's the files of that package."""
-    built = _filter(name)
+    built = filter_named(name)
     kind = type(built)
     package = kind.__module__.partition(".")[0]
     if package == "mdkf":
@@ -152,13 +147,3 @@ def _contents(package: str) -> str:
         if path.parent.name != "__pycache__":
             digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-_filter = cache(estimator)
-"""Looked up once: `estimator` asks all installed packages each time."""
-
-
-@cache
-def _profile(name: str) -> Profile | str:
-    """Read once; the detector of a recording stays a name."""
-    return name if is_recorded(name) else load_profile(name)

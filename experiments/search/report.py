@@ -3,6 +3,7 @@ picture."""
 
 from pathlib import Path
 
+from experiments.figures import write_figure
 from experiments.page import svg, write_page
 from experiments.search.picture import marginal_figure, worst_picture
 from experiments.search.run import Found
@@ -17,10 +18,9 @@ from experiments.search.tables import (
     trial_rows,
     world_rows,
 )
-from sim_bridge.parquet import replacing, write_frame
+from sim_bridge.parquet import write_frame
 
 NAME = "report.html"
-DOTS_PER_INCH = 150
 
 
 def write_results(found: Found, out: Path, command: str) -> Path:
@@ -38,11 +38,8 @@ def write_results(found: Found, out: Path, command: str) -> Path:
         file = out / f"{one.name}.yaml"
         write_sweep(plan, one.trial.point, file)
         picture = worst_picture(found, one)
-        drawn = svg(picture.figure)
-        with replacing(out / f"{one.name}.svg") as temporary:
-            temporary.write_text(drawn, encoding="utf-8")
-        with replacing(out / f"{one.name}.png") as temporary:
-            picture.figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
+        for kind in ("svg", "png"):
+            write_figure(picture.figure, out / f"{one.name}.{kind}")
         place = (
             f"{axis.name} {one.trial.point[axis.name]:g} {axis.unit}" for axis in plan.space.axes
         )
@@ -50,7 +47,7 @@ def write_results(found: Found, out: Path, command: str) -> Path:
             {
                 "name": one.name,
                 "where": ", ".join(place),
-                "svg": drawn,
+                "svg": svg(picture.figure),
                 "caption": picture.caption,
                 "file": file.name,
             }

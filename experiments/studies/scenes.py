@@ -11,8 +11,8 @@ import polars as pl
 
 import scenarios
 from experiments.drift import drift
+from experiments.gaps import Gap, Gaps
 from experiments.metrics import bird_iou
-from experiments.occlusion import Gap, Gaps
 from experiments.phases import gap_errors
 from experiments.studies.natural import (
     HORIZON,

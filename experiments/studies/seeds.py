@@ -11,6 +11,7 @@ import polars as pl
 import scenarios
 import sim_bridge
 from experiments.jobs import ROWS, Job, as_rows
+from experiments.named import detector_named
 from mdkf import Detections, Trace
 
 
@@ -90,7 +91,4 @@ def simulated(scenario: str, seed: int) -> Trace:
 @lru_cache(maxsize=1)
 def detected(scenario: str, seed: int, profile: str) -> Detections:
     """Its detections, by a profile's name; the last ones asked for are kept."""
-    return sim_bridge.detect(simulated(scenario, seed), _profile(profile), seed)
-
-
-_profile = cache(sim_bridge.load_profile)
+    return sim_bridge.detect(simulated(scenario, seed), detector_named(profile), seed)

@@ -15,8 +15,8 @@ import polars as pl
 
 import sim_bridge
 from experiments.engine import RunFailed
+from experiments.gaps import Gaps
 from experiments.jobs import Job, as_rows
-from experiments.occlusion import Gaps
 from experiments.phases import gap_errors
 from experiments.playback.scene import estimates, played_frames
 from experiments.population import SCORED_RANGE, SCORED_VISIBLE

@@ -3,18 +3,18 @@ detector and occlusion that an item asks for."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import polars as pl
 
 from experiments.bins import EVERYTHING
 from experiments.drift import drift, with_drift
+from experiments.named import filter_named
 from experiments.occlusion import OcclusionProtocol
 from experiments.scoring import score
 from experiments.studies.scale import Scale
 from experiments.studies.seeds import SeedJob, of_traffic
-from mdkf import DETECTORS, Detections, Estimator, Trace, Tracker, estimator
+from mdkf import DETECTORS, Detections, Trace, Tracker
 
 STUDY = "worlds"
 
@@ -70,7 +70,7 @@ class World(SeedJob):
     ) -> list[dict[str, Any]]:
         """bin, metric, value and what is behind it, of one filter."""
         settings = DETECTORS[self.setting.detector]
-        tracks = Tracker(_filter(name), settings).run(occluded)
+        tracks = Tracker(filter_named(name), settings).run(occluded)
         scores = score(trace, tracks, protocol)
         whole = {**scores.summary(), "assre": 100 * scores.hota.assre_mean}
         found = [_row("all", *one, len(trace)) for one in whole.items()]
@@ -78,7 +78,7 @@ class World(SeedJob):
             if one["group"] != EVERYTHING:
                 found.append(_row(one["bin"], one["score"], one["value"], one["n"]))
         if len(scores.gaps):
-            alone = drift(trace, occluded, scores.gaps, _filter(name), settings)
+            alone = drift(trace, occluded, scores.gaps, filter_named(name), settings)
             found += drifts(scores.errors, alone, protocol.length)
         return found
 
@@ -86,12 +86,6 @@ class World(SeedJob):
 def jobs(scale: Scale, settings: Sequence[Setting]) -> list[World]:
     """Every scenario and seed of a scale with each of the settings."""
     return [World(*one, setting) for one in of_traffic(scale.worlds) for setting in settings]
-
-
-@cache
-def _filter(name: str) -> Estimator:
-    """Looked up once: `estimator` asks all installed packages each time."""
-    return estimator(name)
 
 
 def drifts(errors: pl.DataFrame, alone: pl.DataFrame, length: int) -> Iterator[dict[str, Any]]:

@@ -13,14 +13,13 @@ import typer
 from rich.console import Console, Group
 from rich.live import Live
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
+from rich.progress import TextColumn
 from rich.table import Table
 
 from experiments import terminal
 from experiments.engine import RunFailed
 from experiments.growth import growth_table
-from experiments.options import Json, NoCache
+from experiments.options import Json, NoCache, progress_bar
 from experiments.sweeps.file import read_sweep
 from experiments.sweeps.progress import WATCHED, Progress
 from experiments.sweeps.run import SweepResults, run_sweep
@@ -118,9 +117,9 @@ def _counted(number: int, name: str) -> str:
 @contextmanager
 def _shown(console: Console) -> Iterator[Any]:
     """Shows how far a sweep is, on a terminal."""
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Bar(*columns, TextColumn("{task.description}"), console=console)
-    task = bar.add_task("", total=None)
+    bar = progress_bar(console)
+    bar.columns = (*bar.columns, TextColumn("{task.fields[told]}"))
+    task = bar.add_task("runs", total=None, told="")
     if not console.is_terminal:
         yield lambda progress: None
         return
@@ -130,7 +129,7 @@ def _shown(console: Console) -> Iterator[Any]:
             told = f"{progress.rate:.1f}/s, {_duration(progress.remaining)} left"
             if progress.failed:
                 told += f", {progress.failed} failed"
-            bar.update(task, completed=progress.there, total=progress.total, description=told)
+            bar.update(task, completed=progress.there, total=progress.total, told=told)
             live.update(Group(bar, _so_far(progress)))
 
         yield watch

@@ -9,11 +9,10 @@ from experiments.growth import CURVE, growth_curve, growth_figure
 from experiments.sweeps.sweep import Sweep
 from experiments.sweeps.task import parameters_of
 from scenarios import Scenario
-from sim_bridge.parquet import replacing, write_frame
+from sim_bridge.parquet import write_frame
 
 DT = 0.1
 """Time between the frames of a sweep's worlds [s]."""
-DOTS_PER_INCH = 150
 
 CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
 """Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""
@@ -68,6 +67,9 @@ def _texts(sweep: Sweep, kind: str) -> list[str]:
 def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:
     """Write `growth.parquet` and, for each detector and set of rules, `growth.svg` and `.png`;
     which pictures there are. Of several each has their names in its own."""
+    # As in `growth_figure`: workers, which draw nothing, do not wait for matplotlib.
+    from experiments.figures import write_figure
+
     write_frame(curve, folder / "growth.parquet")
     pictures = []
     groups = list(curve.group_by("detector", "tracker", maintain_order=True))
@@ -78,8 +80,7 @@ def write_growth(curve: pl.DataFrame, folder: Path) -> list[Path]:
         of = "" if len(groups) == 1 else "-" + re.sub(r"[^\w.=]+", "-", f"{detector}-{tracker}")
         for kind in ("svg", "png"):
             path = folder / f"growth{of.rstrip('-')}.{kind}"
-            with replacing(path) as temporary:
-                figure.savefig(temporary, format=kind, dpi=DOTS_PER_INCH)
+            write_figure(figure, path)
         pictures.append(path)
     return pictures
 

@@ -22,6 +22,7 @@ import polars as pl
 import sim_bridge
 from experiments.growth import GROWTH, growth
 from experiments.kitti.recordings import contents
+from experiments.named import detector_named
 from experiments.sources import deciding
 from experiments.sweeps.sweep import Setup
 from experiments.terminal import SECTIONS
@@ -29,7 +30,7 @@ from experiments.world import Followed, follow
 from mdkf import Detections, Estimator, Trace
 from scenarios import Scenario
 from scenarios.kitti import kitti_root
-from sim_bridge import Profile, SeedRefused, TraceCache
+from sim_bridge import SeedRefused, TraceCache
 
 METRICS = (*(name for _, units in SECTIONS for name in units), "drift", "ms_per_frame")
 """Scores of a run: `Followed.summary`."""
@@ -145,7 +146,7 @@ def _followed(task: Task) -> Iterator[tuple[Setup, Followed | Exception, float]]
     for detector, of_detector in groupby(task.setups, key=lambda setup: setup.detector):
         own = tuple(of_detector)
         try:
-            detections = sim_bridge.detect(trace, _detector(detector), task.seed)
+            detections = sim_bridge.detect(trace, detector_named(detector), task.seed)
         except Exception as error:
             yield from ((setup, error, 0.0) for setup in own)
             continue
@@ -199,12 +200,6 @@ def _row(task: Task, setup: Setup) -> dict[str, Any]:
 
 
 @cache
-def _detector(name: str) -> str | Profile:
-    """A profile is read once in a process; it takes as long as a small world."""
-    return name if sim_bridge.is_recorded(name) else sim_bridge.load_profile(name)
-
-
-@cache
 def _identity(scenario: Scenario) -> str:
     """A world asks for it once for each of its runs, and it reads files."""
     return scenario.identity()
@@ -213,7 +208,7 @@ def _identity(scenario: Scenario) -> str:
 @cache
 def _looked_at(setup: Setup) -> str:
     """All that decides a run beside its world and the sources."""
-    seen = repr(_detector(setup.detector))
+    seen = repr(detector_named(setup.detector))
     if sim_bridge.is_recorded(setup.detector):
         name = sim_bridge.detector_name(setup.detector)
         seen = contents(kitti_root() / "detections" / name)

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.occlusion import Gap
+from experiments.gaps import Gap
 from experiments.playback.scene import played_frames
 from experiments.view.scene import Scene
 from mdkf.tables import KINDS

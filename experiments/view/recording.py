@@ -27,7 +27,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from experiments.figures import colours, confidence_ellipse
-from experiments.occlusion import Gap
+from experiments.gaps import Gap
 from experiments.playback.scene import estimates
 from experiments.view.layout import described, layout
 from experiments.view.palette import (

@@ -7,8 +7,9 @@ from typing import TypeVar
 
 import polars as pl
 
+from experiments.gaps import Gap, Gaps
 from experiments.matched import check_origin
-from experiments.occlusion import Gap, Gaps, recorded_gaps
+from experiments.occlusion import recorded_gaps
 from experiments.phases import gap_errors
 from experiments.playback.scene import inner_diagnostics
 from experiments.report import nearest_gap

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -15,13 +14,12 @@ from rich.table import Table
 import scenarios
 import sim_bridge
 from experiments import terminal
+from experiments.figures import write_figure
 from experiments.options import Json, NoCache, busy, simulated
 from experiments.worlds.describe import Description, describe
 from experiments.worlds.figure import catalogue_figure, world_figure
 from mdkf import Trace
-from sim_bridge.parquet import replacing
 
-DOTS_PER_INCH = 150
 DRAWN = ("sumo", "highway-env", "closed-form", "kitti")
 """Sources in the order of the catalogue's picture; recordings are left out."""
 SEEDS = 5
@@ -52,14 +50,14 @@ def list_scenarios(
         if picture is not None:
             drawn = sorted(catalogue, key=lambda scenario: DRAWN.index(scenario.source))
             own = [scenario for scenario in drawn if scenario.source != "kitti"]
-            _save(catalogue_figure(list(_worlds(own, seed, no_cache))), picture)
+            write_figure(catalogue_figure(list(_worlds(own, seed, no_cache))), picture)
         return
     scenario = scenarios.load(name)
     with busy(f"simulating {scenario.name}"):
         trace = simulated(scenario, seed, no_cache)
     told = describe(trace)
     if picture is not None:
-        _save(world_figure(scenario, trace), picture)
+        write_figure(world_figure(scenario, trace), picture)
     if as_json:
         print(
             json.dumps({"rows": [{**_row(scenario), "seed": seed, **asdict(told), **_own(trace)}]})
@@ -84,11 +82,6 @@ def _worlds(
                     break
                 except sim_bridge.SeedRefused:
                     continue
-
-
-def _save(figure: Figure, picture: Path) -> None:
-    with replacing(picture) as temporary:
-        figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH)
 
 
 def _row(scenario: scenarios.Scenario) -> dict[str, Any]:

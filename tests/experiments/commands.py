@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,8 @@ import scenarios
 BUS_STOP = scenarios.load("bus_stop").definition.parent
 COLOURING = ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
 """With these in the environment, rich takes anything for a terminal and draws progress."""
+MDKF = (sys.executable, "-c", "from experiments.command_line import main; main()")
+"""The command `mdkf` for another process."""
 
 
 class Answer(NamedTuple):
@@ -28,12 +30,19 @@ class Answer(NamedTuple):
 Mdkf = Callable[..., Answer]
 
 
-def in_a_process(*arguments: str, folder: Path | None = None) -> Answer:
+def plain() -> dict[str, str]:
+    """The environment, with nothing in it that makes a file a terminal."""
+    return {name: value for name, value in os.environ.items() if name not in COLOURING}
+
+
+def in_a_process(
+    *arguments: str, folder: Path | None = None, environment: Mapping[str, str] | None = None
+) -> Answer:
     """`mdkf ARGUMENTS...` in a process of its own, wherever it is installed."""
     done = subprocess.run(
-        [sys.executable, "-c", "from experiments.command_line import main; main()", *arguments],
+        [*MDKF, *arguments],
         cwd=folder,
-        env={name: value for name, value in os.environ.items() if name not in COLOURING},
+        env=plain() if environment is None else environment,
         capture_output=True,
         text=True,
         check=False,

@@ -13,6 +13,7 @@ import sim_bridge
 from experiments import OcclusionProtocol
 from experiments.command_line import main
 from tests.experiments.commands import COLOURING, Answer, Mdkf, shortened
+from tests.experiments.planted import FAULTY, SMALL, plant, searching
 
 collect_ignore = ["example_project"]
 """A user's project, which `test_regression_example` runs from outside."""
@@ -60,3 +61,19 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "text.parquet").write_text("frame,x,y\n")
     pl.DataFrame({"x": [1.0]}).write_parquet(folder / "foreign.parquet")
     return folder
+
+
+@pytest.fixture
+def planted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The planted filters installed, their scenario in the folder in which commands run."""
+    monkeypatch.syspath_prepend(plant(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an undisturbed search, in a process of its own."""
+    folder = tmp_path_factory.mktemp("searched")
+    plant(folder)
+    assert searching(folder, *FAULTY, *SMALL, "--out", "out").status == 0
+    return folder / "out"

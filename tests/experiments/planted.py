@@ -1,6 +1,13 @@
-"""A package of filters whose faults are known, installed as pip would, and a quick scenario."""
+"""A package of filters whose faults are known, installed as pip would, a quick scenario, and the
+search that finds the fault in it."""
 
+import os
 from pathlib import Path
+
+import polars as pl
+
+import experiments
+from tests.experiments.commands import Answer, in_a_process, plain
 
 FILTERS = """
 import numpy as np
@@ -95,6 +102,9 @@ parameters:
 
 HIDDEN = ("--occlusion", "mid:10:12")
 """Half a second longer than a track needs, and a second's gap: all in the scenario's three."""
+SPEEDS = ("--bounds", "speed=2:20")
+SMALL = (*HIDDEN, *SPEEDS, "--trials", 32, "--seeds", 2, "--check-seeds", 8, "--workers", 1)
+FAULTY = ("search", "--filter", "faulty", "--against", "cv", "--scenario", "passing_by.yaml")
 
 
 def install(folder: Path, source: str = FILTERS) -> Path:
@@ -113,3 +123,28 @@ def passing_by(folder: Path) -> Path:
     path = folder / "passing_by.yaml"
     path.write_text(SCENARIO, encoding="utf-8")
     return path
+
+
+def plant(folder: Path) -> Path:
+    """The scenario in a folder, the filters in its folder `site`, which is returned."""
+    passing_by(folder)
+    (folder / "site").mkdir()
+    return install(folder / "site")
+
+
+def with_filters(folder: Path) -> dict[str, str]:
+    """The environment, for another process, in which the filters are installed."""
+    mine = Path(experiments.__file__).parents[1]
+    return {**plain(), "PYTHONPATH": os.pathsep.join((str(folder / "site"), str(mine)))}
+
+
+def searching(folder: Path, *arguments: object) -> Answer:
+    """`mdkf ARGUMENTS...` with the filters, in a process of its own."""
+    words = map(str, arguments)
+    return in_a_process(*words, folder=folder, environment=with_filters(folder))
+
+
+def tables(folder: Path) -> dict[str, pl.DataFrame]:
+    """What a search has written."""
+    names = ("trials", "checks", "worlds")
+    return {name: pl.read_parquet(folder / f"{name}.parquet") for name in names}

@@ -7,7 +7,8 @@ import polars as pl
 import pytest
 
 from experiments.drift import drift
-from experiments.occlusion import Gaps, OcclusionProtocol
+from experiments.gaps import Gaps
+from experiments.occlusion import OcclusionProtocol
 from experiments.paper import switching
 from experiments.paper.items import ITEMS
 from experiments.regime_switches import frames_since_change

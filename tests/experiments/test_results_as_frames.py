@@ -9,7 +9,7 @@ import pytest
 import experiments
 import mdkf
 import sim_bridge
-from experiments.occlusion import Gaps
+from experiments.gaps import Gaps
 from tests.experiments.browser import Browser, needs_browser
 from tests.tables import gaps_of, trace_of, tracks_of
 

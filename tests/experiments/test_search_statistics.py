@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.claims.scoreboard import holm
 from experiments.search.check import CONFIRMED, NOISE, REVERSED, TOO_FEW, p_value, verdict
 from experiments.search.goal import Goal
+from experiments.statistics import holm
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.statistics import clustered_interval, jackknife, mean_interval
+from experiments.statistics import clustered_interval, holm, jackknife, mean_interval
 
 
 @pytest.mark.parametrize("n", [2, 3, 6, 20, 200])
@@ -104,3 +104,10 @@ def test_the_jackknife_of_a_mean_is_students_interval() -> None:
     assert (found.low, found.high) == pytest.approx(wanted, rel=1e-12)
     assert (found.mean, found.n) == (pytest.approx(values.mean()), 11)
     assert np.isnan(jackknife(1.0, np.array([1.0])).low)
+
+
+def test_p_values_are_corrected_for_their_number_by_holm() -> None:
+    """The worked example of R's `p.adjust`."""
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.7]) == [1.0, 1.0]
+    assert holm([]) == []

@@ -5,7 +5,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from experiments.engine import RunFailed
 from experiments.sweeps import Filter, read_sweep, run_sweep, task
 from experiments.sweeps import run as run_module
 from mdkf.kalman import Kalman
-from tests.experiments.commands import COLOURING
+from tests.experiments.commands import MDKF, plain
 from tests.experiments.sweeping import FILE, kept, small, whole
 
 KILLS = 10
@@ -29,11 +28,9 @@ KILLS = 10
 
 def begun(file: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
     """`mdkf sweep` in a process, and a process group, of its own."""
-    environment = {name: value for name, value in os.environ.items() if name not in COLOURING}
-    command = [sys.executable, "-c", "from experiments.command_line import main; main()", "sweep"]
     return subprocess.Popen(
-        [*command, str(file), "--out", str(out), "--no-cache", *options],
-        env=environment,
+        [*MDKF, "sweep", str(file), "--out", str(out), "--no-cache", *options],
+        env=plain(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import scenarios
-from experiments.occlusion import Gaps, OcclusionProtocol
+from experiments.gaps import Gaps
+from experiments.occlusion import OcclusionProtocol
 from experiments.population import population
 from experiments.worlds.describe import describe
 from experiments.worlds.figure import world_figure
