@@ -96,8 +96,8 @@ class MotionDynamics(OneChain):
 
     def __post_init__(self) -> None:
         check_model(self.order, (2, 3), self.process_density, self.start_variance)
-        if self.window < 2:
-            raise ValueError(f"window is {self.window}, expected at least 2 values")
+        if not isinstance(self.window, int | np.integer) or self.window < 2:
+            raise ValueError(f"window is {self.window!r}, expected a number of values, 2 or more")
         factors = self.motion_factors
         if len(factors) != self.order or not all(0 < f < math.inf for f in factors):
             raise ValueError(f"factors are {factors}, expected {self.order} lengths above 0 m")

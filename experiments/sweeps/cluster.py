@@ -12,6 +12,7 @@ from experiments import engine
 from experiments.engine import RunFailed
 from experiments.sweeps import task
 from experiments.sweeps.progress import Progress
+from experiments.sweeps.sweep import SweepError
 from experiments.sweeps.task import Rows, Task
 
 TIMEOUT = 10
@@ -25,12 +26,21 @@ def on_cluster(address: str, tasks: Sequence[Task], progress: Progress) -> Itera
     """The rows of tasks as they come. The runs of a task have failed when more of the workers that
     did it died than the scheduler allows (`distributed.scheduler.allowed-failures`).
 
-    Raises `RunFailed` without Dask, without an answer from the scheduler, and when it is lost.
+    Raises `SweepError` for what is no address, `RunFailed` without Dask, without an answer from the
+    scheduler, and when it is lost.
     """
     try:
         from distributed import Client, KilledWorker
+        from distributed.comm.addressing import resolve_address
     except ImportError:
         raise RunFailed("--dask needs Dask: install mdkf[cluster]") from None
+    try:
+        # Not left to the client: one that could not be made hangs, and complains, when deleted.
+        resolve_address(address)
+    except (OSError, OverflowError, ValueError) as error:
+        raise SweepError(
+            f"--dask {address}: {error}; expected an address such as tcp://10.0.0.1:8786"
+        ) from None
     try:
         client = Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

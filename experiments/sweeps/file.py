@@ -131,7 +131,9 @@ def read_sweep(path: Path) -> Sweep:
         filters = tuple(one for entry in given.filters for one in _filters(entry))
         protocols = tuple(one for entry in given.occlusions for one in _protocols(entry))
         rules = tuple(Rules(one) for one in _crossed(given.tracker))
-        runs = len(loaded) * len(seeds) * len(filters) * len(given.detectors)
+        # A range longer than any machine's list has no len().
+        n_seeds = given.seeds if isinstance(given.seeds, int) else len(given.seeds)
+        runs = len(loaded) * n_seeds * len(filters) * len(given.detectors)
         runs *= len(protocols) * len(rules)
         if runs > MAX_RUNS:
             raise SweepError(f"{runs} runs, expected at most {MAX_RUNS}")

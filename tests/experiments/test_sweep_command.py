@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from experiments.sweeps.progress import Mean, Progress
-from tests.experiments.commands import Mdkf, answered, assert_refused
+from tests.experiments.commands import Mdkf, answered, assert_refused, in_a_process
 from tests.experiments.sweeping import FILE, kept
 
 
@@ -102,3 +102,13 @@ def test_the_time_that_remains_is_that_of_the_scenarios_that_remain() -> None:
     progress._seconds["a"] = Mean(10.0, 5)
     progress._seconds["b"] = Mean(2.0, 2)
     assert progress.remaining == pytest.approx((5 * 2.0 + 2 * 1.0 + 2 * 12 / 7) / 2)
+
+
+def test_what_is_no_address_is_told_in_one_line(tmp_path: Path, file: Path) -> None:
+    """In a process of its own, whose end has nothing to add: status 2, and soon."""
+    arguments = ("--dask", "nonsense", "--out", str(tmp_path / "out"))
+    answer = in_a_process("sweep", str(file), *arguments)
+    *_, last = answer.err.splitlines()
+    assert answer.status == 2
+    assert last.startswith("mdkf: --dask nonsense: missing port")
+    assert "Traceback" not in answer.err

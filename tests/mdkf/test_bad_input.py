@@ -205,7 +205,7 @@ def options(kind: Any, *orders: int) -> list[Any]:
             for stay in (0.0, 1.0, -0.1, 1.5, nan, inf)
         ],
         (InteractingMultipleModel, {"mixing": "both"}, "mixing is 'both', expected one of"),
-        *[(MotionDynamics, {"window": k}, f"window is {k}") for k in (1, 0, -3)],
+        *[(MotionDynamics, {"window": k}, f"window is {k}") for k in (1, 0, -3, 20.5, nan)],
         *[
             (MotionDynamics, {"factors": factors}, "factors are")
             for factors in ((), (0.1,), (0.1, 0.2, 0.3), (0.0, 0.2), (0.1, -0.2), (nan, 0.1))
