@@ -10,6 +10,7 @@ import yaml
 import scenarios
 from experiments.occlusion import OcclusionProtocol
 from experiments.search.check import NOISE, REVERSED
+from experiments.sweeps import read_sweep, run_sweep
 from experiments.world import World, run_world
 from tests.experiments.commands import Mdkf, answered, assert_refused
 from tests.experiments.planted import FAULTY, HIDDEN, SMALL, SPEEDS, tables
@@ -101,6 +102,11 @@ def test_a_worst_case_replays_to_the_reported_numbers(searched: Path, planted: P
     pairs = pairs[np.isfinite(pairs)]
     assert len(pairs) == checked["n"] >= 4
     assert pairs.mean() == pytest.approx(checked["effect"], rel=1e-12)
+    # And so does the command that the report names.
+    replayed = run_sweep(read_sweep(searched / "worst-1.yaml"), planted / "replayed", workers=1)
+    told = replayed.differences.filter(metric="drift").row(0, named=True)
+    assert (told["filter"], told["against"], told["seeds"]) == ("faulty", "cv", len(pairs))
+    assert told["difference"] == pytest.approx(checked["effect"], rel=1e-12)
     half = pairs.std(ddof=1) / np.sqrt(len(pairs)) * _T_975[len(pairs) - 1]
     assert checked["high"] - checked["effect"] == pytest.approx(half, rel=1e-3)
     # Fresh: none of the search's.
