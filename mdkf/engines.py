@@ -221,7 +221,15 @@ class Interpreted(_Engine):
     def _describe(self, n: int) -> None:
         """The estimator's moments into the book."""
         moments = self._book.moments[:n]
-        moments[:, 0:2] = self._estimator.position(self._state)
+        position = self._estimator.position(self._state)
+        # Tracks that are nowhere would match nothing and vanish, as if there had been no objects.
+        if np.shape(position) != (n, 2) or not np.isfinite(position).all():
+            kind = type(self._estimator).__name__
+            raise ValueError(
+                f"{kind}: positions of {n} tracks have shape {np.shape(position)} or are not"
+                f" finite; expected ({n}, 2) finite numbers [m], see mdkf.testing.check_estimator"
+            )
+        moments[:, 0:2] = position
         moments[:, 2:4] = self._estimator.velocity(self._state)
         covariance = self._estimator.covariance(self._state)
         moments[:, 4:7] = covariance.reshape(n, 4)[:, [0, 1, 3]]

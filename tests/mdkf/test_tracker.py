@@ -195,6 +195,34 @@ def test_any_object_with_the_methods_is_an_estimator() -> None:
             Tracker(wrong, SETTINGS)  # type: ignore[arg-type]
 
 
+class ForgetsGaps(AlphaBeta):
+    """Takes the NaN that stands for a missing detection for a measurement."""
+
+    def update(self, state: Any, position: Any, noise: Any) -> Any:
+        return Rows(np.hstack([position, state.values[:, 2:]]))
+
+
+class OnePosition(AlphaBeta):
+    """Has one position for all of its tracks."""
+
+    def position(self, state: Any) -> Any:
+        return state.values[:1, :2]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (ForgetsGaps(), r"ForgetsGaps: positions of 2 tracks .* not finite"),
+        (OnePosition(), r"OnePosition: positions of 2 tracks have shape \(1, 2\)"),
+    ],
+)
+def test_tracks_that_are_nowhere_are_told(wrong: Estimator, told: str) -> None:
+    """An estimator that loses its numbers is an error, not a scene without tracks."""
+    rows = [(k, 0.5 * k, y, 1.0) for k in range(30) for y in (0.0, 20.0) if k != 15 or y == 0.0]
+    with pytest.raises(ValueError, match=told):
+        Tracker(wrong, SETTINGS).run(detections(rows, 30))
+
+
 def test_a_state_may_be_a_plain_array() -> None:
     """One row for each track; a state that is neither is told so."""
 
