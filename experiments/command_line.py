@@ -3,6 +3,7 @@
 Exit status 0 done, 1 the work failed, 2 bad input, 130 interrupted; errors are one line.
 """
 
+import errno
 import json
 import shlex
 import shutil
@@ -94,7 +95,8 @@ def main() -> NoReturn:
     except RunFailed as error:
         _fail(str(error), 1)
     except OSError as error:
-        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1 if full else 2)
     except KeyboardInterrupt:
         status = INTERRUPTED
     if status == INTERRUPTED:

@@ -9,6 +9,7 @@ bytes of the file but its own, by which damage is told before Parquet readers st
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import os
 import tempfile
@@ -131,19 +132,25 @@ def replacing(path: Path) -> Iterator[Path]:
         _to_disk(temporary)
         temporary.replace(path)
         _to_disk(path.parent)
+    except OSError as error:
+        # Nobody knows the temporary name, and a full disk is told without any.
+        if error.filename in (None, str(temporary)):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def _write_sealed(data: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
     """Write a frame with a seal, whole or not at all."""
+    buffer = io.BytesIO()
+    try:
+        data.write_parquet(buffer, metadata={**metadata, f"{_KEY}.seal": _SEAL + _NO_DIGEST})
+    except pl.exceptions.PolarsError as error:
+        told = f"cannot be written: {_one_line(error)}"
+        raise OSError(errno.EIO, told, str(path)) from error
     with replacing(path) as temporary:
-        try:
-            data.write_parquet(temporary, metadata={**metadata, f"{_KEY}.seal": _SEAL + _NO_DIGEST})
-        except pl.exceptions.PolarsError as error:
-            told = f"cannot be written: {_one_line(error)}"
-            raise OSError(errno.EIO, told, str(path)) from error
-        temporary.write_bytes(_sealed(temporary.read_bytes()))
+        temporary.write_bytes(_sealed(buffer.getvalue()))
 
 
 def _sealed(content: bytes) -> bytes:

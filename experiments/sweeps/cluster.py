@@ -5,7 +5,7 @@ come back through the scheduler; the workers need this package in the same place
 results.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
 from experiments import engine
@@ -22,9 +22,14 @@ AHEAD = 2
 """Tasks with the cluster for each of its threads: one that runs, one that waits."""
 
 
-def on_cluster(address: str, tasks: Sequence[Task], progress: Progress) -> Iterator[Rows]:
-    """The rows of tasks as they come. The runs of a task have failed when more of the workers that
-    did it died than the scheduler allows (`distributed.scheduler.allowed-failures`).
+def on_cluster(
+    address: str,
+    tasks: Sequence[Task],
+    progress: Progress,
+    dead: Callable[[Task], Rows | None],
+) -> Iterator[Rows | None]:
+    """The rows of tasks as they come; those that `dead` gives of a task when more of the workers
+    that did it died than the scheduler allows (`distributed.scheduler.allowed-failures`).
 
     Raises `SweepError` for what is no address, `RunFailed` without Dask, without an answer from the
     scheduler, and when it is lost.
@@ -52,13 +57,14 @@ def on_cluster(address: str, tasks: Sequence[Task], progress: Progress) -> Itera
             raise RunFailed(f"the Dask scheduler at {address} has no workers")
         progress.workers = threads
         try:
+            work: Callable[[Task], Rows | None] = task.do
             yield from engine.on_executor(
-                task.do,
+                work,
                 tasks,
                 client.get_executor(),
                 AHEAD * threads,
                 (KilledWorker,),
-                task.died,
+                dead,
             )
         except CancelledError:
             raise RunFailed(f"the Dask scheduler at {address} is gone") from None

@@ -106,7 +106,7 @@ def _size(chosen: Sweep) -> str:
         "filter": len(chosen.filters),
     }
     told = " x ".join(_counted(number, name) for name, number in counts.items())
-    return f"{told.replace('1 set of rules x ', '')}: {len(chosen)} runs"
+    return f"{told.replace('1 set of rules x ', '')}: {_counted(len(chosen), 'run')}"
 
 
 def _counted(number: int, name: str) -> str:
@@ -174,7 +174,7 @@ def _told(results: SweepResults, preview: bool) -> Iterator[str]:
     for status, what in (("refused", "were refused"), ("failed", "failed")):
         own = results.runs.filter(pl.col("status") == status)["error"]
         if len(own):
-            yield f"{len(own)} runs {what}, for example: {own[0]}"
+            yield f"{_counted(len(own), 'run')} {what}, for example: {own[0]}"
 
 
 def _document(results: SweepResults, out: Path) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -154,14 +154,40 @@ def _progress(
 def _outcomes(
     missing: Sequence[Task], workers: int | None, dask: str | None, progress: Progress
 ) -> Iterator[Rows]:
-    if dask is not None:
-        yield from on_cluster(dask, missing, progress)
+    """The rows of tasks as they come. Where a worker died, each run of its task is done again by
+    itself: only that which is the death of its worker again has failed."""
+    deadly: list[Task] = []
+
+    def noted(one: Task) -> None:
+        deadly.append(one)
+
+    for rows in _done(missing, workers, dask, progress, noted):
+        if rows is not None:
+            yield rows
+    alone = [replace(one, setups=(setup,)) for one in deadly for setup in one.setups]
+    for rows in _done(alone, workers, dask, progress, task.died):
+        if rows is not None:
+            yield rows
+
+
+def _done(
+    tasks: Sequence[Task],
+    workers: int | None,
+    dask: str | None,
+    progress: Progress,
+    dead: Callable[[Task], Rows | None],
+) -> Iterator[Rows | None]:
+    if not tasks:
         return
-    filters = {setup.filter.name for one in missing for setup in one.setups}
+    if dask is not None:
+        yield from on_cluster(dask, tasks, progress, dead)
+        return
+    filters = {setup.filter.name for one in tasks for setup in one.setups}
     known = sorted(name for name in filters if name in ESTIMATORS)
     # The first run on a machine compiles the kernels: each of two workers a half.
-    warm_up = (compile_sensing, partial(compile_tracking, known)) if missing else ()
-    yield from engine.outcomes(task.do, missing, workers, warm_up, dead=task.died)
+    warm_up = (compile_sensing, partial(compile_tracking, known))
+    work: Callable[[Task], Rows | None] = task.do
+    yield from engine.outcomes(work, tasks, workers, warm_up, dead)
 
 
 def _ended(
