@@ -8,6 +8,7 @@ import ast
 import hashlib
 import json
 import platform
+import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
@@ -16,6 +17,7 @@ from pathlib import Path
 import mdkf
 import scenarios
 import sim_bridge
+from mdkf import Estimator
 
 _PACKAGE = Path(__file__).parent
 _ROOMS = tuple(Path(str(package.__file__)).parent for package in (mdkf, scenarios, sim_bridge))
@@ -74,3 +76,37 @@ def _name(path: Path) -> str:
     roots = (_PACKAGE.parent, *(room.parent for room in _ROOMS))
     within = next((root for root in roots if path.is_relative_to(root)), path.parent)
     return path.relative_to(within).as_posix()
+
+
+def described(estimator: Estimator) -> str:
+    """An estimator's class and options, the same in every process."""
+    kind = type(estimator)
+    if kind.__repr__ is not object.__repr__:
+        return repr(estimator)
+    # The default tells the object's address.
+    slots = {name: getattr(estimator, name, None) for name in getattr(kind, "__slots__", ())}
+    return f"{kind.__qualname__}({slots or vars(estimator)})"
+
+
+def computing(estimator: Estimator) -> str:
+    """A text that is the same where an estimator computes the same: its class, its options, and
+    the sources of its package, which `deciding` has of this project's."""
+    package = type(estimator).__module__.partition(".")[0]
+    own = described(estimator)
+    return own if package == mdkf.__name__ else f"{own} {_contents(package)}"
+
+
+@cache
+def _contents(package: str) -> str:
+    """SHA-256 of the files of a package, or of a module that is in none; of what was typed into an
+    interpreter there are none."""
+    module = sys.modules[package]
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
+    if not files and getattr(module, "__file__", None):
+        files = [Path(str(module.__file__))]
+    digest = hashlib.sha256()
+    for path in files:
+        if path.parent.name != "__pycache__":
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

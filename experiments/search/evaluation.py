@@ -1,12 +1,8 @@
 """One seed of a scenario into every filter's scores, kept by all that decides them."""
 
-import hashlib
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import polars as pl
@@ -16,6 +12,7 @@ from experiments.jobs import Job, Store, as_rows
 from experiments.named import detector_named, filter_named
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
+from experiments.sources import computing
 from experiments.world import follow
 from mdkf import DETECTORS
 from scenarios import Scenario
@@ -53,7 +50,7 @@ class Evaluation(Job):
             "study": STUDY,
             "scenario": self.scenario.identity(),
             "seed": self.seed,
-            "filters": [(name, _identity(name)) for name in self.filters],
+            "filters": [(name, computing(filter_named(name))) for name in self.filters],
             "detector": repr(detector_named(self.detector)),
             "settings": self.settings,
             "occlusion": str(self.occlusion),
@@ -119,31 +116,3 @@ def _of_metric(rows: pl.DataFrame, metric: str) -> Measured:
             return Measured({}, missing)
     own = rows.filter(metric=metric).select("filter", "value").iter_rows()
     return Measured({name: math.nan if value is None else value for name, value in own})
-
-
-@cache
-def _identity(name: str) -> str:
-    """All that decides what a filter computes beside the sources that stand in every job's name:
-    its parameters, and of another package's the files of that package."""
-    built = filter_named(name)
-    kind = type(built)
-    package = kind.__module__.partition(".")[0]
-    if package == "mdkf":
-        return repr(built)
-    # An object without a __repr__ of its own is told by its address, another in every process.
-    told = kind.__qualname__ if kind.__repr__ is object.__repr__ else repr(built)
-    return f"{told} {_contents(package)}"
-
-
-def _contents(package: str) -> str:
-    """SHA-256 of the files of a package, or of a module that is in none."""
-    module = sys.modules[package]
-    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
-    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
-    if not files and getattr(module, "__file__", None):
-        files = [Path(str(module.__file__))]
-    digest = hashlib.sha256()
-    for path in files:
-        if path.parent.name != "__pycache__":
-            digest.update(path.read_bytes())
-    return digest.hexdigest()

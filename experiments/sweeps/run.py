@@ -99,9 +99,7 @@ def run_sweep(
                 watch(progress)
             state = "finished" if progress.there == progress.total else "incomplete"
         finally:
-            own = pl.DataFrame(
-                {"run": [each.run(one) for each in everything for one in each.setups]}
-            )
+            own = pl.DataFrame({"run": [run for each in everything for run in each.runs]})
             drawn = state != "interrupted"
             results = _ended(sweep, dataset, own, progress, drawn)
             status = results.runs["status"].value_counts().iter_rows()
@@ -120,16 +118,22 @@ def tasks_of(sweep: Sweep, cache: TraceCache | None) -> list[Task]:
         recorded_again = isinstance(scenario, KittiScenario) and seed != sweep.seeds[0]
         return simulated if recorded_again else setups
 
-    worlds = sweep.worlds()
-    return [Task(*world, own(*world), made_by, cache) for world in worlds if own(*world)]
+    found = []
+    for scenario, seed in sweep.worlds():
+        if setups_here := own(scenario, seed):
+            runs = tuple(task.address(scenario, seed, made_by, one) for one in setups_here)
+            found.append(Task(scenario, seed, setups_here, runs, made_by, cache))
+    return found
 
 
 def _missing(whole: Task, found: set[str]) -> Task | None:
     """What of a task is to be done; None if it is all there."""
-    if not found:
-        return whole
-    setups = tuple(setup for setup in whole.setups if whole.run(setup) not in found)
-    return Task(whole.scenario, whole.seed, setups, whole.sources, whole.cache) if setups else None
+    pairs = zip(whole.setups, whole.runs, strict=True)
+    left = [pair for pair in pairs if pair[1] not in found]
+    if not left:
+        return None
+    setups, runs = zip(*left, strict=True)
+    return replace(whole, setups=setups, runs=runs)
 
 
 def _firsts(missing: Sequence[Task]) -> list[Task]:
@@ -164,7 +168,11 @@ def _outcomes(
     for rows in _done(missing, workers, dask, progress, noted):
         if rows is not None:
             yield rows
-    alone = [replace(one, setups=(setup,)) for one in deadly for setup in one.setups]
+    alone = [
+        replace(one, setups=(setup,), runs=(run,))
+        for one in deadly
+        for setup, run in zip(one.setups, one.runs, strict=True)
+    ]
     for rows in _done(alone, workers, dask, progress, task.died):
         if rows is not None:
             yield rows

@@ -6,7 +6,6 @@ error, and the others go on.
 """
 
 import hashlib
-import inspect
 import json
 import socket
 import time
@@ -23,11 +22,11 @@ import sim_bridge
 from experiments.growth import GROWTH, growth
 from experiments.kitti.recordings import contents
 from experiments.named import detector_named
-from experiments.sources import deciding
+from experiments.sources import computing, deciding, described
 from experiments.sweeps.sweep import Setup
 from experiments.terminal import SECTIONS
 from experiments.world import Followed, follow
-from mdkf import Detections, Estimator, Trace
+from mdkf import Detections, Trace
 from scenarios import Scenario
 from scenarios.kitti import kitti_root
 from sim_bridge import SeedRefused, TraceCache
@@ -68,18 +67,24 @@ DONE, REFUSED, FAILED = "done", "refused", "failed"
 
 @dataclass(frozen=True)
 class Task:
-    """What is missing of one world. sources: `sources()` of whoever asks for it."""
+    """What is missing of one world. runs: content addresses, one for each of the setups. sources:
+    `sources()` of whoever asks for it.
+
+    Addresses are made where the sweep is begun, and go with the task: what an estimator of a
+    script's computes is known by that script, which is not there on a cluster.
+    """
 
     scenario: Scenario
     seed: int
     setups: tuple[Setup, ...]
+    runs: tuple[str, ...]
     sources: str
     cache: TraceCache | None = None
 
-    def run(self, setup: Setup) -> str:
-        """The content address of a run: the SHA-256 of all that decides its numbers."""
-        world = _identity(self.scenario), str(self.seed), self.sources
-        return _digest(*world, _looked_at(setup))
+
+def address(scenario: Scenario, seed: int, sources: str, setup: Setup) -> str:
+    """The content address of a run: the SHA-256 of all that decides its numbers."""
+    return _digest(_identity(scenario), str(seed), sources, _looked_at(setup))
 
 
 @dataclass(frozen=True)
@@ -186,7 +191,7 @@ def _failure(error: Exception) -> dict[str, str]:
 def _row(task: Task, setup: Setup) -> dict[str, Any]:
     """What a run is of."""
     return {
-        "run": task.run(setup),
+        "run": dict(zip(task.setups, task.runs, strict=True))[setup],
         "scenario": task.scenario.name,
         "parameters": parameters_of(task.scenario),
         "seed": task.seed,
@@ -194,7 +199,7 @@ def _row(task: Task, setup: Setup) -> dict[str, Any]:
         "tracker": str(setup.rules),
         "occlusion": str(setup.occlusion),
         "filter": setup.filter.name,
-        "estimator": repr(setup.filter.estimator),
+        "estimator": described(setup.filter.estimator),
         "gap_truth": setup.gap_truth,
     }
 
@@ -213,23 +218,7 @@ def _looked_at(setup: Setup) -> str:
         name = sim_bridge.detector_name(setup.detector)
         seen = contents(kitti_root() / "detections" / name)
     parts = [seen, repr(setup.settings), str(setup.occlusion), setup.gap_truth]
-    return json.dumps([*parts, setup.filter.name, *_computes(setup.filter.estimator)])
-
-
-def _computes(estimator: Estimator) -> tuple[str, ...]:
-    """What decides the numbers of an estimator: its class, its options, and its source where that
-    is not one of this project's, which `sources` has."""
-    kind = type(estimator)
-    name = f"{kind.__module__}.{kind.__qualname__}"
-    # The default repr holds an address.
-    options = repr(estimator) if kind.__repr__ is not object.__repr__ else repr(vars(estimator))
-    if kind.__module__.startswith("mdkf."):
-        return name, options
-    try:
-        source = Path(inspect.getfile(kind)).read_bytes()
-    except (OSError, TypeError):  # typed into an interpreter
-        source = b""
-    return name, options, hashlib.sha256(source).hexdigest()
+    return json.dumps([*parts, setup.filter.name, computing(setup.filter.estimator)])
 
 
 def _digest(*parts: str) -> str:

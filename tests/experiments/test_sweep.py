@@ -2,6 +2,7 @@
 run alone has."""
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -277,8 +278,9 @@ def test_what_decides_a_run_is_in_its_address(tmp_path: Path) -> None:
     addresses = {}
     for name, own in variants.items():
         (first, *_) = run_module.tasks_of(own, None)
-        addresses[name] = first.run(first.setups[1])
-        assert replace(first, sources="others").run(first.setups[1]) != addresses[name]
+        addresses[name] = first.runs[1]
+        others = run_module.task.address(first.scenario, first.seed, "others", first.setups[1])
+        assert others != addresses[name]
     # The same profile in another file, of the same name, is the same detector.
     assert addresses.pop("profile") == addresses["usual"]
     assert len(set(addresses.values())) == len(addresses)
@@ -401,6 +403,65 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     assert isinstance(refused.value, SweepError | sim_bridge.ProfileError)
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value) or isinstance(refused.value, sim_bridge.ProfileError)
+
+
+SCRIPT = """
+import sys
+import numpy as np
+from experiments.sweeps import Filter, Sweep, run_sweep
+
+
+class Still:
+    def __init__(self, variance):
+        self.variance = variance
+
+    def start(self, position, noise):
+        return position.copy()
+
+    def predict(self, state, dt):
+        return state
+
+    def update(self, state, position, noise):
+        return np.where(np.isnan(position), state, position)
+
+    def position(self, state):
+        return state
+
+    def velocity(self, state):
+        return 0 * state
+
+    def covariance(self, state):
+        return np.tile(self.variance * np.eye(2), (len(state), 1, 1))
+
+    def diagnostics(self, state):
+        return {}
+
+
+if __name__ == "__main__":
+    filters = [Filter("still", Still(float(sys.argv[1]))), "ca"]
+    sweep = Sweep.of(["stationary"], filters, seeds=3, occlusions=["mid:10"])
+    print(run_sweep(sweep, "out", workers=2, cached=False).progress.found)
+"""
+
+
+def test_a_scripts_own_estimator_is_done_once_too(tmp_path: Path) -> None:
+    """Its class is the script's, which has another name in the worker processes; with another
+    option it is another filter, and with another source."""
+
+    def found(variance: str, text: str = SCRIPT) -> int:
+        (tmp_path / "script.py").write_text(text)
+        command = [sys.executable, "script.py", variance]
+        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return int(ran.stdout)
+
+    assert [found("0.1"), found("0.1"), found("0.2")] == [0, 6, 3]
+    rows = kept(tmp_path / "out")
+    assert set(rows["status"]) == {"done"}
+    assert set(rows.filter(filter="still")["estimator"]) == {
+        "Still({'variance': 0.1})",
+        "Still({'variance': 0.2})",
+    }
+    assert found("0.1", SCRIPT.replace("return state\n", "return 1.0 * state\n")) == 3
 
 
 def test_rules_are_the_trackers(tmp_path: Path) -> None:
