@@ -135,7 +135,8 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         # Nobody knows the temporary name, and a full disk is told without any.
         if error.filename in (None, str(temporary)):
-            raise OSError(error.errno, error.strerror, str(path)) from error
+            told = f"cannot be written: {error.strerror}"
+            raise OSError(error.errno, told, str(path)) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)

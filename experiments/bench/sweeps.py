@@ -18,16 +18,11 @@ FILTERS = ("ca", "imm", "md", "md-keep")
 
 
 def blocks(plan: Plan) -> list[Block]:
-    """CPU time of all processes, starting them included: the tasks alone, as a sweep in this
-    process, and on two of their own."""
+    """CPU time: the tasks alone, and as a sweep in this process."""
     own = _sweep(plan)
     work = tasks_of(own, None)
     bare = _case(WHAT, BARE, own, lambda: [tasks.do(one) for one in work])
-    return [
-        Block(
-            (bare, _case(WHAT, ONE, own, _run(own, 1)), _case(WHAT, TWO, own, _run(own, 2))), bare
-        )
-    ]
+    return [Block((bare, _case(WHAT, ONE, own, _run(own, 1))), bare)]
 
 
 def scaling(plan: Plan) -> list[Block]:

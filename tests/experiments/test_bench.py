@@ -318,7 +318,9 @@ def test_the_document_has_rows_of_the_promised_form(mdkf_command: Mdkf) -> None:
     document = json.loads(answer.out)
     rows = document["rows"]
     recorded = {"recorded", "recorded-ratio"} if kitti_names() else set()
-    assert {row["what"] for row in rows} == {*WORDS, *recorded, "simulation", "start-up"}
+    assert {row["what"] for row in rows} == {
+        *(*WORDS, *recorded, "simulation", "start-up", "sweep", "scaling")
+    }
     for row in rows:
         assert list(row) == KEYS
         assert 0 < row["low"] <= row["median"] <= row["high"] < np.inf
