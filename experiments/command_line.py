@@ -28,6 +28,7 @@ from experiments.bench.command import bench
 from experiments.detectors.command import check_detector, fit_detector
 from experiments.engine import RunFailed
 from experiments.exchange.command import export, import_results
+from experiments.foreign import told_of
 from experiments.kitti.command import kitti
 from experiments.options import (
     Detector,
@@ -37,6 +38,7 @@ from experiments.options import (
     Occlusion,
     Setting,
     Settings,
+    Workers,
     busy,
     chosen_filters,
     chosen_gap_truth,
@@ -141,9 +143,7 @@ def run(
     settings: Settings = None,
     gap_truth: GapTruth = "keep",
     out: Annotated[Path, typer.Option(help="Folder for results and report.")] = OUT,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; all cores if not given.", min=1)
-    ] = None,
+    workers: Workers = None,
     no_cache: NoCache = False,
     as_json: Json = False,
 ) -> None:
@@ -199,7 +199,7 @@ def simulate(
     out: OutFile,
     seed: Seed = 0,
     parameters: Setting = None,
-    dt: Annotated[float, typer.Option(help="Time between frames in seconds.")] = 0.1,
+    dt: Annotated[float, typer.Option(help="Time between frames in seconds.")] = sim_bridge.DT,
     no_cache: NoCache = False,
 ) -> None:
     """Simulate a scenario: exact truth of every object in every frame."""
@@ -254,7 +254,10 @@ def track(
         raise typer.BadParameter(str(error)) from None
     table = sim_bridge.read_table(detections, Detections)
     base = chosen_settings(settings or table.provenance.get("detector", "pointrcnn"))
-    _write(Tracker(chosen, chosen_rules(base, rules or [])).run(table), out)
+    tracker = Tracker(chosen, chosen_rules(base, rules or []))
+    with told_of(chosen):
+        tracks = tracker.run(table)
+    _write(tracks, out)
 
 
 app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --by phase --by range,level")(

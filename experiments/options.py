@@ -33,6 +33,11 @@ NoCache = Annotated[
     bool, typer.Option("--no-cache", help="Simulate anew, and keep nothing for the next time.")
 ]
 
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Processes, all cores if not given; 1 works in this one.", min=1),
+]
+
 GapTruth = Annotated[
     str, typer.Option(help="Truth in the gaps: keep (it counts) or ignore.", metavar="keep|ignore")
 ]
@@ -130,7 +135,7 @@ def chosen_occlusion(text: str) -> OcclusionProtocol:
         raise typer.BadParameter(str(error)) from None
 
 
-def simulated(scenario: Scenario, seed: int, no_cache: bool, dt: float = 0.1) -> Trace:
+def simulated(scenario: Scenario, seed: int, no_cache: bool, dt: float = sim_bridge.DT) -> Trace:
     """A world, from the user's cache if it is there and may be."""
     cache = None if no_cache else sim_bridge.user_cache()
     make = sim_bridge.simulate if cache is None else cache.simulate

@@ -15,7 +15,7 @@ from experiments.statistics import Interval, mean_interval
 from experiments.terminal import COLUMNS, DIFFERENCES, best, format_value, paired_rows
 from mdkf import DETECTORS, ESTIMATORS
 from mdkf.tables import REGIMES, Detections, Trace, Tracks
-from sim_bridge import read_table
+from sim_bridge import DT, read_table
 
 NAME = "report.html"
 STATES = (
@@ -41,9 +41,6 @@ BINNED = (
     ("miss_rate", "range,level", "Missed % by range and level", 1),
 )
 """Scores by bin that the report shows."""
-
-DT = 0.1
-"""Time between the frames of a run [s]."""
 
 
 def write_report(plan: Plan, results: Results, out: Path, command: str) -> Path:

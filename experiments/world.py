@@ -13,6 +13,7 @@ from typing import Any
 import polars as pl
 
 from experiments.drift import drift, with_drift
+from experiments.foreign import told_of
 from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from experiments.scoring import Scores, score
@@ -129,10 +130,14 @@ def follow(
     occlusion: OcclusionProtocol,
     gap_truth: GapTruth = "keep",
 ) -> Followed:
-    """Track occluded detections with one filter, and score it against the trace."""
+    """Track occluded detections with one filter, and score it against the trace.
+
+    Raises `RunFailed` for a filter of somebody else's that raises.
+    """
     tracks, milliseconds = timed_tracks(filter, settings, occluded)
     scores = score(trace, tracks, occlusion, gap_truth)
-    alone = drift(trace, occluded, scores.gaps, filter, settings)
+    with told_of(filter):
+        alone = drift(trace, occluded, scores.gaps, filter, settings)
     return Followed(
         tracks, scores, with_drift(scores.errors, alone, occlusion.length), milliseconds
     )
@@ -141,9 +146,13 @@ def follow(
 def timed_tracks(
     filter: Estimator, settings: TrackerSettings, detections: Detections
 ) -> tuple[Tracks, float]:
-    """The tracks, and the tracker's CPU time per frame [ms] with its kernels already compiled."""
+    """The tracks, and the tracker's CPU time per frame [ms] with its kernels already compiled.
+
+    Raises `RunFailed` for a filter of somebody else's that raises.
+    """
     tracker = Tracker(filter, settings)
-    tracker.run(replace(detections.between(0, 3), n_frames=3))
-    began = time.thread_time()
-    tracks = tracker.run(detections)
+    with told_of(filter):
+        tracker.run(replace(detections.between(0, 3), n_frames=3))
+        began = time.thread_time()
+        tracks = tracker.run(detections)
     return tracks, 1e3 * (time.thread_time() - began) / max(detections.n_frames, 1)

@@ -106,7 +106,9 @@ def _first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     problems = error.errors(include_url=False, include_context=False)
     # A misspelt key is also a missing one: the misspelling is what the user needs to see.
     problem = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
-    key = ".".join(_one_line(part) for part in problem["loc"] if part != "[key]") or "(top level)"
+    # Steps in brackets are pydantic's own: which of several types was meant, or a key itself.
+    steps = [step for step in map(_one_line, problem["loc"]) if not step.startswith("[")]
+    key = ".".join(steps) or "(top level)"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     if problem["type"] == "extra_forbidden":
         known = _known_keys(model, problem["loc"])

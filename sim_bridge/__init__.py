@@ -16,10 +16,11 @@ from sim_bridge.parquet import read_table, write_table
 from sim_bridge.profile import Profile, ProfileError, load_profile, profile_names
 from sim_bridge.recorded import check_detector, detector_name, is_recorded
 from sim_bridge.results import read_results
-from sim_bridge.simulate import SeedRefused, check_inputs, simulate
+from sim_bridge.simulate import DT, SeedRefused, check_inputs, simulate
 from sim_bridge.trace_cache import TraceCache, user_cache
 
 __all__ = [
+    "DT",
     "KittiError",
     "Profile",
     "ProfileError",

@@ -44,6 +44,9 @@ class SeedRefused(SimulationError):
 Simulated = SumoScenario | HighwayScenario
 """What a simulator makes, vehicle by vehicle."""
 
+DT = 0.1
+"""Time between frames where nobody says otherwise [s]."""
+
 MARGIN = 1.5
 """Simulated before and after the trace [s]: what the spline's ends need."""
 
@@ -57,7 +60,7 @@ def check_inputs(scenario: Scenario) -> None:
         highway.check_inputs(scenario)
 
 
-def simulate(scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
+def simulate(scenario: Scenario, seed: int, dt: float = DT) -> Trace:
     """The trace of a scenario: every object but the ego vehicle, which carries the sensor.
 
     dt: time between frames [s], a multiple of 0.01; the motion is the same at every dt. Objects

@@ -24,7 +24,7 @@ import scenarios
 from mdkf.tables import TableError, Trace
 from scenarios import HighwayScenario, Scenario, SumoScenario
 from sim_bridge.parquet import read_table, write_table
-from sim_bridge.simulate import simulate
+from sim_bridge.simulate import DT, simulate
 
 VARIABLE = "MDKF_CACHE"
 """Environment variable: the folder of the cache, or `OFF`."""
@@ -51,7 +51,7 @@ class TraceCache:
     folder: Path
     max_bytes: int = MAX_BYTES
 
-    def simulate(self, scenario: Scenario, seed: int, dt: float = 0.1) -> Trace:
+    def simulate(self, scenario: Scenario, seed: int, dt: float = DT) -> Trace:
         """What `sim_bridge.simulate` gives, and raises, from a file if it was made before.
 
         Only what a simulator makes is kept: formulas and recordings are as quick as a file.

@@ -5,9 +5,10 @@ from functools import partial
 from pathlib import Path
 
 from experiments.exchange.worlds import World
+from experiments.foreign import told_of
 from experiments.occlusion import OcclusionProtocol
 from experiments.options import simulated
-from mdkf import Detections, TableError, Trace, Tracker, Tracks, estimator
+from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks, estimator
 from mdkf.settings import tracker_settings
 from mdkf.tables import Table
 from scenarios import Scenario
@@ -38,10 +39,15 @@ def of_scenarios(
             found = occlusion.apply(found, trace)
         if settings is None:
             return World(trace, found)
-        tracks = {name: Tracker(estimator(name), settings).run(found) for name in filters}
-        return World(trace, found, tracks)
+        return World(trace, found, {name: _tracks(name, settings, found) for name in filters})
 
     return [partial(job, scenario, seed) for scenario in chosen for seed in range(seeds)]
+
+
+def _tracks(name: str, settings: TrackerSettings, found: Detections) -> Tracks:
+    filter = estimator(name)
+    with told_of(filter):
+        return Tracker(filter, settings).run(found)
 
 
 def of_tables(named: Sequence[tuple[Path, Table]]) -> list[Job]:

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from experiments.claims import scoreboard
 from experiments.engine import RunFailed
-from experiments.options import Json, counting
+from experiments.options import Json, Workers, counting
 from experiments.paper.item import Item
 from experiments.paper.items import ITEMS
 from experiments.paper.report import write_report
@@ -46,9 +46,7 @@ def paper(
     out: Annotated[
         Path, typer.Option(help="Folder for results and report; a second run goes on in it.")
     ] = OUT,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; all cores if not given.", min=1)
-    ] = None,
+    workers: Workers = None,
     as_json: Json = False,
 ) -> None:
     """Ask the paper's questions again, against exact truth: tables of the items that are named; of

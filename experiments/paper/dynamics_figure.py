@@ -11,10 +11,10 @@ from matplotlib.patches import Patch
 from experiments.figures import colours, line_style
 from experiments.studies.dynamics import DRAWN
 from mdkf.tables import REGIMES, FloatArray
+from sim_bridge import DT
 
 AVERAGED = 11
 """Frames over which errors are averaged: those up to half a second before and after."""
-DT = 0.1
 
 _SHADES = ("#c8ccd0", "#cfe3f7", "#fbe3c2", "#ecd3c9")
 """Of the regimes in their order: standing, then the paper's blue, orange and brown."""

@@ -18,6 +18,7 @@ from experiments.options import (
     Occlusion,
     Setting,
     Settings,
+    Workers,
     chosen_filters,
     chosen_gap_truth,
     chosen_occlusion,
@@ -81,9 +82,7 @@ def search(
     out: Annotated[
         Path, typer.Option(help="Folder for results and report; a second run goes on in it.")
     ] = OUT,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes; all cores if not given.", min=1)
-    ] = None,
+    workers: Workers = None,
     as_json: Json = False,
 ) -> None:
     """Look for a scenario's parameters at which a filter loses most, or fails, and check the worst

@@ -19,7 +19,7 @@ from rich.table import Table
 from experiments import terminal
 from experiments.engine import RunFailed
 from experiments.growth import growth_table
-from experiments.options import Json, NoCache, progress_bar
+from experiments.options import Json, NoCache, Workers, progress_bar
 from experiments.sweeps.file import read_sweep
 from experiments.sweeps.progress import WATCHED, Progress
 from experiments.sweeps.run import SweepResults, run_sweep
@@ -35,10 +35,7 @@ def sweep(
     out: Annotated[
         Path, typer.Option(help="Folder for results; a second run goes on in it.", file_okay=False)
     ] = OUT,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Processes, all cores if not given; 1 works in this one.", min=1),
-    ] = None,
+    workers: Workers = None,
     dask: Annotated[
         str | None,
         typer.Option(

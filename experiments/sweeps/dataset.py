@@ -10,6 +10,7 @@ writes the same file. One that is damaged is no file. Runs that failed are in fi
 import errno
 import fcntl
 import hashlib
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,6 +51,11 @@ class Dataset:
                     raise
                 raise SweepError(f"{self.folder}: another sweep is writing there") from None
             yield
+
+    def clear(self) -> None:
+        """Delete all results."""
+        for kind in KINDS:
+            shutil.rmtree(self.folder / kind, ignore_errors=True)
 
     def add(self, rows: Rows) -> None:
         """Keep what came of a task: growth first, so that a run that is there is there whole."""

@@ -14,13 +14,14 @@ An option whose value is a list is crossed over it; one that is a list itself st
 Files of scenarios and detectors are relative to the sweep's own.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from experiments.occlusion import Kind, OcclusionProtocol
 from experiments.sweeps.sweep import SEEDS, Filter, Rules, Sweep, SweepError, crossed
@@ -34,6 +35,10 @@ _Text = Annotated[str, Field(pattern=r"^[^\r\n]+$", max_length=300)]
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.+-]*$", max_length=60)]
 _Key = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
 _Seed = Annotated[int, Field(ge=0, lt=2**63)]
+_Seeds = Annotated[
+    Annotated[int, Field(ge=1), Tag("[number]")] | Annotated[list[_Seed], Tag("[list]")],
+    Discriminator(lambda given: "[list]" if isinstance(given, list) else "[number]"),
+]
 
 
 def _listed(value: Any) -> Any:
@@ -108,7 +113,7 @@ class SweepFile(Settings):
 
     scenarios: Annotated[list[ScenarioEntry], Field(min_length=1)]
     filters: Annotated[list[FilterEntry], Field(min_length=1)]
-    seeds: Annotated[int, Field(ge=1)] | list[_Seed] = SEEDS
+    seeds: _Seeds = SEEDS
     detectors: Annotated[list[_Text], Field(min_length=1)] = Field(default=["pointrcnn"])
     occlusions: Annotated[list[OcclusionEntry], Field(min_length=1)] = Field(
         default=["mid:20"], validate_default=True
@@ -124,6 +129,8 @@ def read_sweep(path: Path) -> Sweep:
     than it may, and for more than `MAX_RUNS` runs.
     """
     given = read_settings(path, lambda document: SweepFile, SweepError)
+    if (runs := _n_runs(given)) > MAX_RUNS:
+        raise SweepError(f"{path}: {runs} runs, expected at most {MAX_RUNS}")
     seeds = range(given.seeds) if isinstance(given.seeds, int) else given.seeds
     folder = path.resolve().parent
     try:
@@ -131,16 +138,25 @@ def read_sweep(path: Path) -> Sweep:
         filters = tuple(one for entry in given.filters for one in _filters(entry))
         protocols = tuple(one for entry in given.occlusions for one in _protocols(entry))
         rules = tuple(Rules(one) for one in _crossed(given.tracker))
-        # A range longer than any machine's list has no len().
-        n_seeds = given.seeds if isinstance(given.seeds, int) else len(given.seeds)
-        runs = len(loaded) * n_seeds * len(filters) * len(given.detectors)
-        runs *= len(protocols) * len(rules)
-        if runs > MAX_RUNS:
-            raise SweepError(f"{runs} runs, expected at most {MAX_RUNS}")
         detectors = tuple(_beside(name, folder) for name in given.detectors)
         return Sweep(loaded, filters, tuple(seeds), detectors, protocols, rules, given.gap_truth)
     except ValueError as error:
         raise SweepError(f"{path}: {error}") from None
+
+
+def _n_runs(given: SweepFile) -> int:
+    """How many runs a file asks for, before any of them takes memory."""
+    crossed_over: Sequence[Iterable[Mapping[str, Any]]] = (
+        [entry.parameters for entry in given.scenarios],
+        [entry.options for entry in given.filters],
+        [{"kind": entry.kind, **(entry.model_extra or {})} for entry in given.occlusions],
+        [given.tracker],
+    )
+    runs = len(given.detectors)
+    runs *= given.seeds if isinstance(given.seeds, int) else len(given.seeds)
+    for entries in crossed_over:
+        runs *= sum(prod(len(_listed(one)) for one in entry.values()) for entry in entries)
+    return runs
 
 
 def _scenarios(entry: ScenarioEntry, folder: Path) -> tuple[Scenario, ...]:

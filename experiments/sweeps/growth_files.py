@@ -9,10 +9,8 @@ from experiments.growth import CURVE, growth_curve, growth_figure
 from experiments.sweeps.sweep import Sweep
 from experiments.sweeps.task import parameters_of
 from scenarios import Scenario
+from sim_bridge import DT
 from sim_bridge.parquet import write_frame
-
-DT = 0.1
-"""Time between the frames of a sweep's worlds [s]."""
 
 CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
 """Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""

@@ -6,7 +6,6 @@ Files in the folder: `runs/` and `growth/` (`experiments.sweeps.dataset`), `mani
 (`experiments.sweeps.growth_files`).
 """
 
-import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -23,12 +22,11 @@ from experiments.sweeps.dataset import Dataset
 from experiments.sweeps.growth_files import curves, on_curve, write_growth
 from experiments.sweeps.progress import Progress
 from experiments.sweeps.summary import differences, summarise
-from experiments.sweeps.sweep import Setup, Sweep
-from experiments.sweeps.task import Rows, Task
+from experiments.sweeps.sweep import Sweep
+from experiments.sweeps.task import Rows, Run, Task
 from experiments.warm_up import compile_sensing, compile_tracking
 from mdkf import ESTIMATORS
-from scenarios import KittiScenario, Scenario
-from sim_bridge import TraceCache, is_recorded, user_cache
+from sim_bridge import TraceCache, user_cache
 from sim_bridge.parquet import write_frame
 
 
@@ -78,8 +76,7 @@ def run_sweep(
     dataset = Dataset(out)
     with dataset.locked():
         if fresh:
-            for kind in ("runs", "growth"):
-                shutil.rmtree(out / kind, ignore_errors=True)
+            dataset.clear()
             (out / manifest.NAME).unlink(missing_ok=True)
         manifest.check(out)
         found, damaged = dataset.finished(retry)
@@ -99,7 +96,7 @@ def run_sweep(
                 watch(progress)
             state = "finished" if progress.there == progress.total else "incomplete"
         finally:
-            own = pl.DataFrame({"run": [run for each in everything for run in each.runs]})
+            own = pl.DataFrame({"run": [run.address for each in everything for run in each.runs]})
             drawn = state != "interrupted"
             results = _ended(sweep, dataset, own, progress, drawn)
             status = results.runs["status"].value_counts().iter_rows()
@@ -109,31 +106,18 @@ def run_sweep(
 
 def tasks_of(sweep: Sweep, cache: TraceCache | None) -> list[Task]:
     """One for each world, with all of its runs."""
-    setups = sweep.setups()
-    simulated = tuple(setup for setup in setups if not is_recorded(setup.detector))
     made_by = task.sources()
-
-    def own(scenario: Scenario, seed: int) -> tuple[Setup, ...]:
-        # No seed changes what was recorded.
-        recorded_again = isinstance(scenario, KittiScenario) and seed != sweep.seeds[0]
-        return simulated if recorded_again else setups
-
     found = []
-    for scenario, seed in sweep.worlds():
-        if setups_here := own(scenario, seed):
-            runs = tuple(task.address(scenario, seed, made_by, one) for one in setups_here)
-            found.append(Task(scenario, seed, setups_here, runs, made_by, cache))
+    for scenario, seed, setups in sweep.worlds():
+        runs = tuple(Run(task.address(scenario, seed, made_by, one), one) for one in setups)
+        found.append(Task(scenario, seed, runs, made_by, cache))
     return found
 
 
 def _missing(whole: Task, found: set[str]) -> Task | None:
     """What of a task is to be done; None if it is all there."""
-    pairs = zip(whole.setups, whole.runs, strict=True)
-    left = [pair for pair in pairs if pair[1] not in found]
-    if not left:
-        return None
-    setups, runs = zip(*left, strict=True)
-    return replace(whole, setups=setups, runs=runs)
+    left = tuple(run for run in whole.runs if run.address not in found)
+    return replace(whole, runs=left) if left else None
 
 
 def _firsts(missing: Sequence[Task]) -> list[Task]:
@@ -150,7 +134,7 @@ def _progress(
     runs, left = Counter[str](), Counter[str]()
     for counter, tasks in ((runs, everything), (left, missing)):
         for one in tasks:
-            counter[one.scenario.name] += len(one.setups)
+            counter[one.scenario.name] += len(one.runs)
     done = {name: number - left[name] for name, number in runs.items()}
     return Progress(runs, done, sum(done.values()), damaged, workers)
 
@@ -168,11 +152,7 @@ def _outcomes(
     for rows in _done(missing, workers, dask, progress, noted):
         if rows is not None:
             yield rows
-    alone = [
-        replace(one, setups=(setup,), runs=(run,))
-        for one in deadly
-        for setup, run in zip(one.setups, one.runs, strict=True)
-    ]
+    alone = [replace(one, runs=(run,)) for one in deadly for run in one.runs]
     for rows in _done(alone, workers, dask, progress, task.died):
         if rows is not None:
             yield rows
@@ -190,7 +170,7 @@ def _done(
     if dask is not None:
         yield from on_cluster(dask, tasks, progress, dead)
         return
-    filters = {setup.filter.name for one in tasks for setup in one.setups}
+    filters = {run.setup.filter.name for one in tasks for run in one.runs}
     known = sorted(name for name in filters if name in ESTIMATORS)
     # The first run on a machine compiles the kernels: each of two workers a half.
     warm_up = (compile_sensing, partial(compile_tracking, known))

@@ -6,7 +6,8 @@ it through one occlusion. Everything here is plain data, the same whether a YAML
 (`experiments.sweeps.file`) or a script makes it.
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import product
 from typing import Any
@@ -18,7 +19,7 @@ from experiments.occlusion import OcclusionProtocol
 from experiments.population import GapTruth
 from mdkf import Estimator, TrackerSettings
 from mdkf.settings import tracker_settings
-from scenarios import KittiScenario, Scenario
+from scenarios import Scenario
 from scenarios.scenario import format_number
 
 SEEDS = 6
@@ -129,8 +130,9 @@ class Sweep:
         for key, names in named.items():
             if not names:
                 raise SweepError(f"{key}: expected one at least")
-            if twice := [name for name in names if names.count(name) > 1]:
-                raise SweepError(f"{key}: {twice[0]} is there twice")
+            name, times = Counter(names).most_common(1)[0]
+            if times > 1:
+                raise SweepError(f"{key}: {name} is there twice")
         if self.gap_truth not in ("keep", "ignore"):
             raise SweepError(f"gap_truth is {self.gap_truth!r}, expected keep or ignore")
         for scenario in self.scenarios:
@@ -155,7 +157,7 @@ class Sweep:
         and what `scenarios.load` raises."""
         numbers = range(seeds) if isinstance(seeds, int) else seeds
         return cls(
-            tuple(loaded(one) for one in scenarios),
+            tuple(_loaded(one) for one in scenarios),
             tuple(one if isinstance(one, Filter) else Filter.of(one) for one in filters),
             tuple(numbers),
             tuple(detectors),
@@ -174,16 +176,16 @@ class Sweep:
             for filter in self.filters
         )
 
-    def worlds(self) -> list[tuple[Scenario, int]]:
-        """Every scenario with every seed, seeds first: what is interrupted has a few seeds of all
-        scenarios. No seed changes what was recorded: where all is, there is one."""
-        recorded = all(sim_bridge.is_recorded(detector) for detector in self.detectors)
-        return [
-            (scenario, seed)
-            for seed in self.seeds
-            for scenario in self.scenarios
-            if seed == self.seeds[0] or not (recorded and isinstance(scenario, KittiScenario))
-        ]
+    def worlds(self) -> Iterator[tuple[Scenario, int, tuple[Setup, ...]]]:
+        """Every scenario with every seed, and what is done with it; seeds first: what is
+        interrupted has a few seeds of all scenarios. What was recorded no seed changes, so a
+        recorded detector, which sees recorded scenarios only, is there with the first alone."""
+        first = self.setups()
+        others = tuple(one for one in first if not sim_bridge.is_recorded(one.detector))
+        for seed in self.seeds:
+            if own := first if seed == self.seeds[0] else others:
+                for scenario in self.scenarios:
+                    yield scenario, seed, own
 
     def labels(self) -> tuple[str, ...]:
         """Each scenario by its name, and those of its parameters that are not everywhere at their
@@ -200,7 +202,7 @@ class Sweep:
 
     def __len__(self) -> int:
         """How many runs."""
-        return len(self.worlds()) * len(self.setups())
+        return sum(len(setups) for _, _, setups in self.worlds())
 
 
 def crossed(scenario: str, **parameters: float | Iterable[float]) -> tuple[Scenario, ...]:
@@ -211,7 +213,7 @@ def crossed(scenario: str, **parameters: float | Iterable[float]) -> tuple[Scena
     return tuple(scenarios.load(scenario, **one) for one in chosen)
 
 
-def loaded(scenario: Scenario | str) -> Scenario:
+def _loaded(scenario: Scenario | str) -> Scenario:
     """A scenario, loaded if it is a name or a file; raises what `scenarios.load` raises."""
     return scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
 

@@ -19,6 +19,7 @@ from typing import Any
 import polars as pl
 
 import sim_bridge
+from experiments.engine import RunFailed
 from experiments.growth import GROWTH, growth
 from experiments.kitti.recordings import contents
 from experiments.named import detector_named
@@ -66,9 +67,16 @@ DONE, REFUSED, FAILED = "done", "refused", "failed"
 
 
 @dataclass(frozen=True)
+class Run:
+    """One run of a world, and its content address."""
+
+    address: str
+    setup: Setup
+
+
+@dataclass(frozen=True)
 class Task:
-    """What is missing of one world. runs: content addresses, one for each of the setups. sources:
-    `sources()` of whoever asks for it.
+    """What is missing of one world. sources: `sources()` of whoever asks for it.
 
     Addresses are made where the sweep is begun, and go with the task: what an estimator of a
     script's computes is known by that script, which is not there on a cluster.
@@ -76,8 +84,7 @@ class Task:
 
     scenario: Scenario
     seed: int
-    setups: tuple[Setup, ...]
-    runs: tuple[str, ...]
+    runs: tuple[Run, ...]
     sources: str
     cache: TraceCache | None = None
 
@@ -101,8 +108,8 @@ def do(task: Task) -> Rows:
     began = time.perf_counter()
     runs: list[dict[str, Any]] = []
     grown: list[pl.DataFrame] = []
-    for setup, found, seconds in _followed(task):
-        row = _row(task, setup)
+    for run, found, seconds in _followed(task):
+        row = _row(task, run)
         if isinstance(found, Followed):
             scores = {**found.summary(), "seconds": seconds}
             runs.append({**row, "status": DONE, **scores})
@@ -120,7 +127,7 @@ def do(task: Task) -> Rows:
 def died(task: Task) -> Rows:
     """The rows of a task whose worker died doing it."""
     why = _failure(RuntimeError("its worker process died (killed, or out of memory)"))
-    runs = [{**_row(task, setup), **why} for setup in task.setups]
+    runs = [{**_row(task, run), **why} for run in task.runs]
     return Rows(pl.DataFrame(runs, schema=RUNS), pl.DataFrame(schema=GROWN), 0.0)
 
 
@@ -136,8 +143,8 @@ def sources() -> str:
     return _digest(deciding(Path(__file__)))
 
 
-def _followed(task: Task) -> Iterator[tuple[Setup, Followed | Exception, float]]:
-    """Each setup with what came of it, and its CPU time [s]."""
+def _followed(task: Task) -> Iterator[tuple[Run, Followed | Exception, float]]:
+    """Each run with what came of it, and its CPU time [s]."""
     try:
         if task.sources != sources():
             raise RuntimeError(
@@ -146,30 +153,31 @@ def _followed(task: Task) -> Iterator[tuple[Setup, Followed | Exception, float]]
         make = sim_bridge.simulate if task.cache is None else task.cache.simulate
         trace = make(task.scenario, task.seed)
     except Exception as error:
-        yield from ((setup, error, 0.0) for setup in task.setups)
+        yield from ((run, error, 0.0) for run in task.runs)
         return
-    for detector, of_detector in groupby(task.setups, key=lambda setup: setup.detector):
+    for detector, of_detector in groupby(task.runs, key=lambda run: run.setup.detector):
         own = tuple(of_detector)
         try:
             detections = sim_bridge.detect(trace, detector_named(detector), task.seed)
         except Exception as error:
-            yield from ((setup, error, 0.0) for setup in own)
+            yield from ((run, error, 0.0) for run in own)
             continue
         yield from _of_detections(trace, detections, own)
 
 
 def _of_detections(
-    trace: Trace, detections: Detections, setups: Sequence[Setup]
-) -> Iterator[tuple[Setup, Followed | Exception, float]]:
-    for occlusion, of_occlusion in groupby(setups, key=lambda setup: setup.occlusion):
+    trace: Trace, detections: Detections, runs: Sequence[Run]
+) -> Iterator[tuple[Run, Followed | Exception, float]]:
+    for occlusion, of_occlusion in groupby(runs, key=lambda run: run.setup.occlusion):
         own = tuple(of_occlusion)
         try:
             occluded = occlusion.apply(detections, trace)
         except Exception as error:
-            yield from ((setup, error, 0.0) for setup in own)
+            yield from ((run, error, 0.0) for run in own)
             continue
-        for setup in own:
+        for run in own:
             began = time.thread_time()
+            setup = run.setup
             found: Followed | Exception
             try:
                 estimator = setup.filter.estimator
@@ -178,20 +186,23 @@ def _of_detections(
                 )
             except Exception as error:
                 found = error
-            yield setup, found, time.thread_time() - began
+            yield run, found, time.thread_time() - began
 
 
 def _failure(error: Exception) -> dict[str, str]:
     """Status and error of a run that was not done."""
     if isinstance(error, SeedRefused):
         return {"status": REFUSED, "error": " ".join(str(error).split())}
+    if isinstance(error, RunFailed):
+        return {"status": FAILED, "error": str(error)}
     return {"status": FAILED, "error": " ".join(f"{type(error).__name__}: {error}".split())}
 
 
-def _row(task: Task, setup: Setup) -> dict[str, Any]:
+def _row(task: Task, run: Run) -> dict[str, Any]:
     """What a run is of."""
+    setup = run.setup
     return {
-        "run": dict(zip(task.setups, task.runs, strict=True))[setup],
+        "run": run.address,
         "scenario": task.scenario.name,
         "parameters": parameters_of(task.scenario),
         "seed": task.seed,

@@ -107,14 +107,16 @@ SMALL = (*HIDDEN, *SPEEDS, "--trials", 32, "--seeds", 2, "--check-seeds", 8, "--
 FAULTY = ("search", "--filter", "faulty", "--against", "cv", "--scenario", "passing_by.yaml")
 
 
-def install(folder: Path, source: str = FILTERS) -> Path:
+def install(
+    folder: Path, source: str = FILTERS, name: str = "planted_filters", points: str = POINTS
+) -> Path:
     """The package in a folder that then has to be on the path; returns the folder."""
-    (folder / "planted_filters.py").write_text(source, encoding="utf-8")
-    info = folder / "planted_filters-1.0.dist-info"
+    (folder / f"{name}.py").write_text(source, encoding="utf-8")
+    info = folder / f"{name}-1.0.dist-info"
     info.mkdir(exist_ok=True)
-    metadata = "Metadata-Version: 2.1\nName: planted_filters\nVersion: 1.0\n"
+    metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
     (info / "METADATA").write_text(metadata, encoding="utf-8")
-    (info / "entry_points.txt").write_text(POINTS, encoding="utf-8")
+    (info / "entry_points.txt").write_text(points, encoding="utf-8")
     return folder
 
 

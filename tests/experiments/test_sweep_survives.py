@@ -148,7 +148,7 @@ def test_a_run_that_kills_its_worker_is_a_row_and_the_others_go_on(tmp_path: Pat
     (only,) = small(scenarios=["stationary"], filters=[deadly], seeds=1).setups()
     usual = small(filters=["ca"], seeds=3)
     tasks = run_module.tasks_of(usual, None)
-    tasks.insert(1, replace(tasks[0], setups=(only,), runs=("0" * 32,)))
+    tasks.insert(1, replace(tasks[0], runs=(task.Run("0" * 32, only),)))
     done = list(engine.outcomes(task.do, tasks, 2, dead=task.died))
     statuses = [status for rows in done for status in rows.runs["status"]]
     assert sorted(statuses) == ["done"] * 9 + ["failed"]
