@@ -27,6 +27,9 @@ Kind = Literal["mid", "late", "switch", "natural", "none"]
 WARMUP = 35
 """s_occ of the paper: detections before a gap."""
 
+LONGEST = 100_000
+"""Frames, nearly three hours: what is longer is a mistake, and would silently give no gaps."""
+
 PROVENANCE_KEY = "occlusion"
 
 FORM = "KIND:LENGTH[:WARMUP][:gaps=N][:start=N]"
@@ -69,6 +72,8 @@ class OcclusionProtocol:
                 f"{self.kind} occlusion, {self.n_gaps} of {self.length} after {self.warmup}"
                 f" detections, expected a length from {least} and other counts from 1 on"
             )
+        if max(self.length, self.warmup, self.n_gaps, abs(self.start)) > LONGEST:
+            raise ValueError(f"{self.kind} occlusion, expected numbers of at most {LONGEST}")
         if self.start != 0 and self.kind != "switch":
             raise ValueError(f"{self.kind} occlusion with a start, expected it of switch alone")
         if self.n_gaps > 1 and self.kind not in ("mid", "switch"):

@@ -91,9 +91,10 @@ def described(estimator: Estimator) -> str:
 def computing(estimator: Estimator) -> str:
     """A text that is the same where an estimator computes the same: its class, its options, and
     the sources of its package, which `deciding` has of this project's."""
-    package = type(estimator).__module__.partition(".")[0]
+    module = type(estimator).__module__
+    package = module.partition(".")[0]
     own = described(estimator)
-    return own if package == mdkf.__name__ else f"{own} {_contents(package)}"
+    return own if package == mdkf.__name__ else f"{module}.{own} {_contents(package)}"
 
 
 @cache

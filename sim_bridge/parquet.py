@@ -181,7 +181,8 @@ def _umask() -> int:
 
 def _read(path: Path) -> tuple[Mapping[str, Any], pl.DataFrame]:
     if not path.is_file():
-        raise TableError(f"{path}: no such file")
+        told = "is a folder, expected a file" if path.is_dir() else "no such file"
+        raise TableError(f"{path}: {told}")
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -51,6 +51,10 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     "no filter": (("run", "--filters", ""), ("filter ''",)),
     "kind of occlusion": (("run", "--occlusion", "early:20"), ("'early:20'", "mid:20")),
     "length of occlusion": (("run", "--occlusion", "mid:-1"), ("'mid:-1'", "KIND:LENGTH")),
+    "occlusion of a year": (
+        ("run", "--occlusion", "mid:315360000"),
+        ("'mid:315360000'", "at most 100000"),
+    ),
     "gaps of one that has one": (
         ("run", "--occlusion", "late:9:gaps=2"),
         ("'late:9:gaps=2'", "mid and switch alone"),
@@ -112,7 +116,7 @@ BAD_ARGUMENTS: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
         ("detect", "{made}/foreign.parquet", *OUT),
         ("foreign.parquet", "not one of mdkf's tables"),
     ),
-    "folder for a trace": (("detect", "{made}", *OUT), ("{made}",)),
+    "folder for a trace": (("detect", "{made}", *OUT), ("{made}", "is a folder")),
     "detections for a trace": (
         ("detect", "{made}/seen.parquet", *OUT),
         ("seen.parquet", "holds Detections, expected Trace"),

@@ -18,6 +18,7 @@ from scipy import stats
 import mdkf
 import sim_bridge
 from experiments import OcclusionProtocol
+from experiments.sources import computing
 from experiments.sweeps import (
     Filter,
     Rules,
@@ -264,16 +265,19 @@ def test_a_damaged_file_is_found_and_done_again(tmp_path: Path, how: str) -> Non
 
 def test_what_decides_a_run_is_in_its_address(tmp_path: Path) -> None:
     """A filter's options, the tracker's rules, the protocol, the profile's numbers, the sources."""
-    profile = tmp_path / "mine.yaml"
     text = Path(sim_bridge.__file__).with_name("detectors").joinpath("pointrcnn.yaml").read_text()
-    profile.write_text(text)
+    same, nearer = tmp_path / "same.yaml", tmp_path / "nearer.yaml"
+    same.write_text(text)
+    nearer.write_text(text.replace("max_range: 69.9", "max_range: 60.0"))
+    rules = [{"settings": "pointrcnn"}]
     variants = {
         "usual": small(),
         "option": small(filters=["ca", Filter("md", MotionDynamics(window=21))]),
         "rule": small(tracker=[{"gate": 4.5}]),
         "occlusion": small(occlusions=["mid:11"]),
         "truth": small(gap_truth="ignore"),
-        "profile": small(detectors=[str(profile)], tracker=[{"settings": "pointrcnn"}]),
+        "same profile": small(detectors=[str(same)], tracker=rules),
+        "profile": small(detectors=[str(nearer)], tracker=rules),
     }
     addresses = {}
     for name, own in variants.items():
@@ -283,9 +287,18 @@ def test_what_decides_a_run_is_in_its_address(tmp_path: Path) -> None:
         others = run_module.task.address(first.scenario, first.seed, "others", run.setup)
         assert others != addresses[name]
     # The same profile in another file, of the same name, is the same detector.
-    assert addresses.pop("profile") == addresses["usual"]
+    assert addresses.pop("same profile") == addresses["usual"]
     assert len(set(addresses.values())) == len(addresses)
-    profile.write_text(text.replace("range:", "range: 1", 1))
+
+
+def test_estimators_of_one_name_in_two_modules_are_two() -> None:
+    """Even where both are of one package, and show themselves alike."""
+    one, other = (
+        type("Same", (Kalman,), {"__module__": f"tests.{name}", "__qualname__": "Same"})()
+        for name in ("one", "other")
+    )
+    assert repr(one) == repr(other)
+    assert computing(one) != computing(other)
 
 
 def test_results_of_other_sources_are_not_gone_on_with(
