@@ -51,12 +51,14 @@ def outcomes(
         return
     workers = min(workers, len(inputs))
     waiting, suspects = iter(inputs), list[Input]()
-    while not (yield from _on_processes(work, waiting, workers, warm_up, suspects)):
+    # One more is with them, so that nobody idles while what came of another is taken care of.
+    width = workers + 1
+    while not (yield from _on_processes(work, waiting, workers, width, warm_up, suspects)):
         if dead is None:
             raise RunFailed(DIED)
         # All that was under way is done again, one at a time: now who is under way is to blame.
         again, blamed = iter(suspects), list[Input]()
-        while not (yield from _on_processes(work, again, 1, (), blamed)):
+        while not (yield from _on_processes(work, again, 1, 1, (), blamed)):
             yield dead(blamed.pop())
         suspects.clear()
 
@@ -93,18 +95,20 @@ def _on_processes(
     work: Callable[[Input], Outcome],
     waiting: Iterator[Input],
     workers: int,
+    width: int,
     warm_up: Parts,
     suspects: list[Input],
 ) -> Generator[Outcome, None, bool]:
     """Outcomes by a pool of its own, until all are done or a worker dies, which breaks the pool:
-    what was with it then goes to `suspects`. Returns whether none died."""
+    what was with it then goes to `suspects`. width: inputs that are with it at a time. Returns
+    whether none died."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, context, initializer=_die_with_parent)
     try:
         with _interrupts_ignored():
             for part in warm_up:
                 pool.submit(part)
-        for one, future in _finished(pool, work, waiting, workers):
+        for one, future in _finished(pool, work, waiting, width):
             if isinstance(future.exception(), BrokenProcessPool):
                 suspects.append(one)
             else:

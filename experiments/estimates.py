@@ -23,6 +23,9 @@ from mdkf.tables import FloatArray, IntArray
 RESAMPLES = 1999
 """Of the bootstrap behind an interval."""
 
+AT_A_TIME = 256
+"""Drawn scenarios whose seeds are drawn together: they fit a core's cache."""
+
 RECORDED = "recorded"
 """Study of the recorded sequences: scenario `val` is all of them, `val-SSSS` all but SSSS."""
 
@@ -126,17 +129,28 @@ def _two_stages(own: Sequence[FloatArray]) -> tuple[IntArray, Callable[[IntArray
     """What is drawn first, the scenarios by number, and the means of drawn ones, for which the
     seeds of each are drawn anew."""
     sizes = np.array(list(map(len, own)))
-    padded = np.zeros((len(own), sizes.max()))
-    for place, values in enumerate(own):
-        padded[place, : len(values)] = values
+    longest = int(sizes.max())
+    values = np.zeros((len(own), longest))
+    for place, of_scenario in enumerate(own):
+        values[place, : len(of_scenario)] = of_scenario
     random = np.random.default_rng(0)
+    # Room that is used again and again: arrays of all that is drawn are slower to get than to fill.
+    uniform, value = np.empty((2, AT_A_TIME, longest))
+    seed = np.empty((AT_A_TIME, longest), dtype=np.int64)
 
     def means(scenario: IntArray) -> FloatArray:
-        size = sizes[scenario][..., None]
-        seed = (random.random((*scenario.shape, padded.shape[1])) * size).astype(np.int64)
-        there = np.arange(padded.shape[1]) < size
-        totals = np.where(there, padded[scenario[..., None], seed], 0.0).sum(axis=-1)
-        found: FloatArray = totals / size[..., 0]
+        every = scenario.ravel()
+        totals = np.empty(len(every))
+        for first in range(0, len(every), AT_A_TIME):
+            some = every[first : first + AT_A_TIME, None]
+            n, size = len(some), sizes[some]
+            random.random(out=uniform[:n])
+            np.multiply(uniform[:n], size, out=uniform[:n])
+            seed[:n] = uniform[:n]
+            np.take(values.ravel(), some * longest + seed[:n], out=value[:n], mode="clip")
+            value[:n][np.arange(longest) >= size] = 0.0
+            value[:n].sum(axis=-1, out=totals[first : first + n])
+        found: FloatArray = (totals / sizes[every]).reshape(scenario.shape)
         return found
 
     return np.arange(len(own)), means

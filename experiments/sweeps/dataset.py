@@ -59,8 +59,9 @@ class Dataset:
 
     def add(self, rows: Rows) -> None:
         """Keep what came of a task: growth first, so that a run that is there is there whole."""
+        failures = rows.runs["status"] == FAILED
         for failed in (False, True):
-            runs = rows.runs.filter((pl.col("status") == FAILED) == failed)
+            runs = rows.runs.filter(failures == failed)
             if runs.is_empty():
                 continue
             name, scenario = _name(runs), runs["scenario"][0]
