@@ -90,23 +90,23 @@ def growth_curve(rows: pl.DataFrame, within: bool = False) -> pl.DataFrame:
     """
     if rows.is_empty():
         return pl.DataFrame(schema=CURVE)
-    points = _points(rows, within)
-    every = points.with_columns(regime=pl.lit(EVERYTHING))
-    by_seed = (
-        pl.concat([every, points])
-        .group_by("protocol", "filter", "regime", "length", "scenario", "seed", maintain_order=True)
-        .agg(
-            value=(pl.col("drift") * pl.col("gaps")).sum() / pl.col("gaps").sum(),
-            gaps=pl.col("gaps").sum(),
-        )
-    )
     found = []
-    groups = by_seed.group_by("protocol", "filter", "regime", "length", maintain_order=True)
-    for (protocol, name, regime, length), own in groups:
-        mean = cluster_bootstrap(own)
-        values = (told(mean.value), told(mean.low), told(mean.high))
-        counts = (own["gaps"].sum(), mean.n, mean.scenarios)
-        found.append((protocol, name, regime, length, *values, *counts))
+    points = _points(rows, within)
+    for (protocol, name), own in points.group_by("protocol", "filter", maintain_order=True):
+        every = own.with_columns(regime=pl.lit(EVERYTHING))
+        by_seed = (
+            pl.concat([every, own])
+            .group_by("regime", "length", "scenario", "seed", maintain_order=True)
+            .agg(
+                value=(pl.col("drift") * pl.col("gaps")).sum() / pl.col("gaps").sum(),
+                gaps=pl.col("gaps").sum(),
+            )
+        )
+        for (regime, length), one in by_seed.group_by("regime", "length", maintain_order=True):
+            mean = cluster_bootstrap(one)
+            values = (told(mean.value), told(mean.low), told(mean.high))
+            counts = (one["gaps"].sum(), mean.n, mean.scenarios)
+            found.append((protocol, name, regime, length, *values, *counts))
     curve = pl.DataFrame(found, CURVE, orient="row")
     order = pl.Enum([EVERYTHING, *REGIMES])
     by_regime = pl.col("regime").cast(order)
@@ -209,7 +209,10 @@ def _points(rows: pl.DataFrame, within: bool) -> pl.DataFrame:
     told_at = points.filter(~pl.col("natural"))["frames"].unique()
     if len(told_at):
         points = points.filter(~pl.col("natural") | pl.col("frames").is_in(told_at.implode()))
-    return points.drop("length").rename({"frames": "length"})
+    return points.select(
+        *("protocol", "filter", "regime", "scenario", "seed", "drift", "gaps"),
+        pl.col("frames").alias("length"),
+    )
 
 
 def _any_length(protocol: OcclusionProtocol) -> str:

@@ -11,7 +11,7 @@ import errno
 import fcntl
 import hashlib
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,16 +100,20 @@ class Dataset:
             for path in paths
         }
 
-    def rows(self, kind: str, runs: pl.DataFrame, *kept: pl.Expr) -> pl.DataFrame:
-        """The rows of a kind, `runs` or `growth`, that are of some runs (a column `run`), and that
-        all the conditions keep. Some files are read at a time: thousands at once take many times
-        the memory of what is in them."""
+    def rows(
+        self,
+        kind: str,
+        runs: pl.DataFrame,
+        needed: Callable[[pl.LazyFrame], pl.LazyFrame] = lambda rows: rows,
+    ) -> pl.DataFrame:
+        """The rows of a kind, `runs` or `growth`, that are of some runs (a column `run`), or what
+        is needed of them. Some files are read at a time: thousands at once take many times the
+        memory of what is in them."""
         paths = sorted(self._of(kind))
-        parts = [pl.DataFrame(schema=KINDS[kind])]
+        parts = [needed(pl.LazyFrame(schema=KINDS[kind])).collect()]
         for first in range(0, len(paths), AT_A_TIME):
             files = pl.scan_parquet(paths[first : first + AT_A_TIME], hive_partitioning=False)
-            own = files.filter(*kept) if kept else files
-            parts.append(own.join(runs.lazy(), on="run", how="semi").collect())
+            parts.append(needed(files.join(runs.lazy(), on="run", how="semi")).collect())
         return pl.concat(parts)
 
     def _of(self, kind: str) -> Iterator[Path]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import polars as pl
 
-from experiments.growth import CURVE, growth_curve, growth_figure
+from experiments.growth import CURVE, GROWTH, growth_curve, growth_figure
 from experiments.sweeps.sweep import Sweep
 from experiments.sweeps.task import parameters_of
 from scenarios import Scenario
@@ -16,26 +16,27 @@ CURVES = {"detector": pl.String, "tracker": pl.String, **CURVE}
 """Columns of `curves`: those of `experiments.growth.growth_curve`, and what each is of."""
 
 
-def on_curve(sweep: Sweep) -> pl.Expr:
-    """Which rows of growth the curves are made of: most are not on them."""
+def on_curve(grown: pl.LazyFrame, sweep: Sweep) -> pl.LazyFrame:
+    """What the curves are made of, of rows with the columns `experiments.sweeps.task.GROWN`: most
+    rows are not on them, and most of a row tells what many have in common."""
     at_its_end = pl.col("offset") + 1 == _length(sweep)
-    return pl.lit(_within(sweep)) | at_its_end | pl.col("occlusion").is_in(_texts(sweep, "natural"))
+    natural = pl.col("occlusion").is_in(_texts(sweep, "natural"))
+    names = dict(zip(map(_world, sweep.scenarios), sweep.labels(), strict=True))
+    # Of one scenario with different parameters each is a cluster of its own.
+    scenario = pl.concat_str("scenario", "parameters")
+    return grown.filter(pl.lit(_within(sweep)) | at_its_end | natural).select(
+        *("detector", "tracker", "occlusion", "filter", "seed", *GROWTH),
+        _length(sweep).alias("length"),
+        scenario.replace_strict(names, return_dtype=pl.String).alias("scenario"),
+    )
 
 
-def curves(growth: pl.DataFrame, sweep: Sweep) -> pl.DataFrame:
+def curves(rows: pl.DataFrame, sweep: Sweep) -> pl.DataFrame:
     """The error-growth curves of a sweep, with the columns `CURVES`: over the lengths of its gaps,
     or within the gaps if they are all of one length.
 
-    growth: rows with the columns `experiments.sweeps.task.GROWN`, those `on_curve` at least.
+    rows: those `on_curve`.
     """
-    names = dict(zip(map(_world, sweep.scenarios), sweep.labels(), strict=True))
-    rows = growth.with_columns(
-        length=_length(sweep),
-        # Of one scenario with different parameters each is a cluster of its own.
-        scenario=pl.concat_str("scenario", "parameters").replace_strict(
-            names, return_dtype=pl.String
-        ),
-    )
     order = pl.Enum([one.name for one in sweep.filters])
     rows = rows.sort(pl.col("filter").cast(order), maintain_order=True)
     found = [pl.DataFrame(schema=CURVES)]

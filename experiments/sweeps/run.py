@@ -187,6 +187,6 @@ def _ended(
     for name, frame in zip(("summary", "differences"), found, strict=True):
         write_frame(frame, dataset.folder / f"{name}.parquet")
     growth = own.clear() if not drawn else own
-    curve = curves(dataset.rows("growth", growth, on_curve(sweep)), sweep)
+    curve = curves(dataset.rows("growth", growth, lambda rows: on_curve(rows, sweep)), sweep)
     pictures = write_growth(curve, dataset.folder) if drawn else []
     return SweepResults(runs, *found, curve, pictures, progress)
