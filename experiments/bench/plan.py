@@ -17,7 +17,7 @@ class Plan:
     crowds: numbers of objects whose tracks are scored; scored: frames of each.
     boxes: in view of the sensor.
     simulated: of dense traffic, for a trace [s].
-    seeds: of each scenario of a sweep.
+    seeds: of each closed form of a sweep. driven: scenarios of traffic of another, so many drives.
     """
 
     rounds: int = 7
@@ -35,7 +35,22 @@ class Plan:
     boxes: int = 200
     simulated: float = 60.0
     seeds: int = 25
+    driven: tuple[str, ...] = (
+        *("bus_stop", "stop_and_go", "green_wave", "parked_row", "passing_van"),
+        *("off_scene", "roundabout", "mixed_traffic", "emergency_braking", "motorway"),
+    )
+    drives: int = 3
 
 
-QUICK = Plan(rounds=3, processes=1, shortest=0.002, updates=20_000, frames=50, scored=200, seeds=1)
+QUICK = Plan(
+    rounds=3,
+    processes=1,
+    shortest=0.002,
+    updates=20_000,
+    frames=50,
+    scored=200,
+    seeds=1,
+    driven=("stop_and_go",),
+    drives=1,
+)
 """A look at all sizes in some seconds."""

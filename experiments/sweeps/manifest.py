@@ -74,7 +74,9 @@ def end(
     runs: Mapping[str, int],
     files: Mapping[str, str],
 ) -> None:
-    """Write it anew when the sweep ends: how, with how many runs of each status, in what files."""
+    """Write it anew when the sweep ends: how (`finished`, `incomplete` after a preview,
+    `interrupted`, or `failed` for a full disk or a lost cluster), with how many runs of each
+    status, in what files."""
     _write(folder, {**told, "state": state, "ended": _now(), "runs": runs, "files": files})
 
 

@@ -34,10 +34,10 @@ from sim_bridge.parquet import write_frame
 class SweepResults:
     """The results of a sweep, as far as they are there, and what they say.
 
-    runs: a row each (`experiments.sweeps.task.RUNS`). summary: means over
-    seeds; differences: of the first filter from the others, paired. curves: of error growth
+    runs: a row each (`experiments.sweeps.task.RUNS`). summary: means over seeds; differences: of
+    the first filter from the others, paired. curves: of error growth
     (`experiments.sweeps.growth_files.CURVES`), pictures: of them; none of a sweep that is
-    interrupted. progress: what was done.
+    interrupted or failed. progress: what was done.
     """
 
     runs: pl.DataFrame
@@ -88,16 +88,19 @@ def run_sweep(
             missing = _firsts(missing)
         told = manifest.begin(out, sweep, command, dask or str(workers or engine.cores()))
         watch(progress)
-        state = "interrupted"
+        state = "failed"
         try:
             for rows in _outcomes(missing, workers, dask, progress):
                 dataset.add(rows)
                 progress.add(rows)
                 watch(progress)
             state = "finished" if progress.there == progress.total else "incomplete"
+        except KeyboardInterrupt:
+            state = "interrupted"
+            raise
         finally:
             own = pl.DataFrame({"run": [run.address for each in everything for run in each.runs]})
-            drawn = state != "interrupted"
+            drawn = state in ("finished", "incomplete")
             results = _ended(sweep, dataset, own, progress, drawn)
             status = results.runs["status"].value_counts().iter_rows()
             manifest.end(out, told, state, dict(status), dataset.files())

@@ -51,6 +51,9 @@ TINY = Plan(
     scored=10,
     boxes=9,
     simulated=2.0,
+    seeds=1,
+    driven=("stop_and_go",),
+    drives=1,
 )
 KEYS = [
     *("what", "name", "tier", "size", "median", "unit", "ratio", "ratio_to"),
