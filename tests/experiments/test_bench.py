@@ -52,7 +52,7 @@ TINY = Plan(
     boxes=9,
     simulated=2.0,
     seeds=1,
-    driven=("stop_and_go",),
+    driven=("stationary",),
     drives=1,
 )
 KEYS = [
