@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -24,12 +25,8 @@ import scenarios
 import sim_bridge
 from experiments import run as runs
 from experiments import terminal
-from experiments.bench.command import bench
-from experiments.detectors.command import check_detector, fit_detector
 from experiments.engine import RunFailed
-from experiments.exchange.command import export, import_results
 from experiments.foreign import told_of
-from experiments.kitti.command import kitti
 from experiments.options import (
     Detector,
     GapTruth,
@@ -49,25 +46,39 @@ from experiments.options import (
     counting,
     simulated,
 )
-from experiments.paper.command import paper
-from experiments.report import write_report
-from experiments.score_command import score
-from experiments.search.command import search
 from experiments.sources import VERSIONS
-from experiments.sweeps.command import sweep
 from experiments.sweeps.sweep import SweepError
-from experiments.view.command import view
-from experiments.worlds.cache_command import show_cache
-from experiments.worlds.command import list_scenarios
 from mdkf import Detections, TableError, Trace, Tracker, TrackerSettings, Tracks
 
-app = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    help="Which filter survives this occlusion, and how sure are we? Simulated traffic with exact"
-    " truth, LiDAR-like detections, CA / IMM / MD filters, scores.",
-)
+COMMANDS = {
+    "run": ("command_line:run", "bus_stop --seeds 20 --occlusion mid:20 --out out"),
+    "simulate": ("command_line:simulate", "bus_stop --seed 7 --set speed=11 --out trace.parquet"),
+    "detect": ("command_line:detect", "trace.parquet --occlusion mid:20 --out seen.parquet"),
+    "track": ("command_line:track", "seen.parquet --filter md --set gate=3 --out tracks.parquet"),
+    "score": ("score_command:score", "trace.parquet tracks.parquet --by phase --by range,level"),
+    "scenarios": ("worlds.command:list_scenarios", "bus_stop --picture bus_stop.png"),
+    "cache": ("worlds.cache_command:show_cache", "--clear"),
+    "fit-detector": (
+        "detectors.command:fit_detector",
+        "--root KITTI --detections KITTI/detections/pointrcnn",
+    ),
+    "check-detector": ("detectors.command:check_detector", "pointrcnn --root KITTI --split val"),
+    "kitti": ("kitti.command:kitti", "--root KITTI --filters ca,md --out out"),
+    "export": ("exchange.command:export", "stop_and_go --seeds 3 --format kitti --out worlds"),
+    "import": (
+        "exchange.command:import_results",
+        "0000.txt --trace worlds/worlds/0000/trace.parquet --out tracks.parquet",
+    ),
+    "paper": ("paper.command:paper", "regimes --scale full --out out"),
+    "sweep": ("sweeps.command:sweep", "lengths.yaml --out out --workers 2"),
+    "search": (
+        "search.command:search",
+        "--filter md --against imm --scenario stop_and_go --out worst",
+    ),
+    "view": ("view.command:view", "out/worlds/bus_stop-0 --out bus_stop.rrd"),
+    "bench": ("bench.command:bench", "--only filter,tracker --json"),
+}
+"""Where each command is, and what follows it in an example."""
 
 BAD_INPUT = (
     scenarios.ScenarioError,
@@ -87,9 +98,10 @@ OutFile = Annotated[Path, typer.Option("--out", help="Parquet file to write.", d
 
 def main() -> NoReturn:
     """Run the command line; turns bad input into one line and an exit status."""
+    asked = sys.argv[1] if len(sys.argv) > 1 else ""
     try:
         # Typer returns the status of an exit that it was asked for, 130 after Ctrl-C included.
-        status = app(standalone_mode=False)
+        status = application(asked)(standalone_mode=False)
     except TyperException as error:
         _fail(error.format_message(), 2)
     except BAD_INPUT as error:
@@ -106,7 +118,25 @@ def main() -> NoReturn:
     sys.exit(status or 0)
 
 
-@app.callback(invoke_without_command=True)
+def application(asked: str = "") -> typer.Typer:
+    """The command line with the command that is asked for, or with all of them if that is none:
+    nobody waits for what other commands import."""
+    app = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="rich",
+        help="Which filter survives this occlusion, and how sure are we? Simulated traffic with"
+        " exact truth, LiDAR-like detections, CA / IMM / MD filters, scores.",
+    )
+    app.callback(invoke_without_command=True)(_mdkf)
+    for name in [asked] if asked in COMMANDS else COMMANDS:
+        place, example = COMMANDS[name]
+        module, _, function = place.partition(":")
+        command = getattr(import_module(f"experiments.{module}"), function)
+        app.command(name=name, epilog=f"Example: mdkf {name} {example}")(command)
+    return app
+
+
 def _mdkf(
     context: typer.Context,
     show_version: Annotated[
@@ -120,7 +150,6 @@ def _mdkf(
         print(context.get_help())
 
 
-@app.command(epilog="Example: mdkf run bus_stop --seeds 20 --occlusion mid:20 --out out")
 def run(
     names: Annotated[
         list[str] | None,
@@ -165,6 +194,9 @@ def run(
     console = Console(stderr=True)
     for reason in results.refused:
         console.print(f"refused: {reason}", style="yellow", highlight=False, markup=False)
+    # Workers import this module too, and draw nothing: they do not wait for matplotlib.
+    from experiments.report import write_report
+
     page = write_report(plan, results, out, shlex.join(["mdkf", *sys.argv[1:]]))
     if as_json:
         document = {
@@ -187,7 +219,6 @@ def run(
         raise RunFailed(results.failure)
 
 
-@app.command(epilog="Example: mdkf simulate bus_stop --seed 7 --set speed=11 --out trace.parquet")
 def simulate(
     name: Annotated[
         str,
@@ -208,7 +239,6 @@ def simulate(
     _write(trace, out)
 
 
-@app.command(epilog="Example: mdkf detect trace.parquet --occlusion mid:20 --out seen.parquet")
 def detect(
     trace: Annotated[Path, typer.Argument(help="A trace's Parquet file.")],
     out: OutFile,
@@ -223,9 +253,6 @@ def detect(
     _write(detections if protocol.kind == "none" else protocol.apply(detections, truth), out)
 
 
-@app.command(
-    epilog="Example: mdkf track seen.parquet --filter md --set gate=3 --out tracks.parquet"
-)
 def track(
     detections: Annotated[Path, typer.Argument(help="A detection table's Parquet file.")],
     out: OutFile,
@@ -258,36 +285,6 @@ def track(
     with told_of(chosen):
         tracks = tracker.run(table)
     _write(tracks, out)
-
-
-app.command(epilog="Example: mdkf score trace.parquet tracks.parquet --by phase --by range,level")(
-    score
-)
-app.command(name="scenarios", epilog="Example: mdkf scenarios bus_stop --picture bus_stop.png")(
-    list_scenarios
-)
-app.command(name="cache", epilog="Example: mdkf cache --clear")(show_cache)
-app.command(
-    name="fit-detector",
-    epilog="Example: mdkf fit-detector --root KITTI --detections KITTI/detections/pointrcnn",
-)(fit_detector)
-app.command(
-    name="check-detector", epilog="Example: mdkf check-detector pointrcnn --root KITTI --split val"
-)(check_detector)
-app.command(epilog="Example: mdkf kitti --root KITTI --filters ca,md --out out")(kitti)
-app.command(epilog="Example: mdkf export stop_and_go --seeds 3 --format kitti --out worlds")(export)
-app.command(
-    name="import",
-    epilog="Example: mdkf import 0000.txt --trace worlds/worlds/0000/trace.parquet --out"
-    " tracks.parquet",
-)(import_results)
-app.command(epilog="Example: mdkf paper regimes --scale full --out out")(paper)
-app.command(epilog="Example: mdkf sweep lengths.yaml --out out --workers 2")(sweep)
-app.command(
-    epilog="Example: mdkf search --filter md --against imm --scenario stop_and_go --out worst"
-)(search)
-app.command(epilog="Example: mdkf view out/worlds/bus_stop-0 --out bus_stop.rrd")(view)
-app.command(epilog="Example: mdkf bench --only filter,tracker --json")(bench)
 
 
 def _scenarios(names: list[str] | None) -> tuple[scenarios.Scenario, ...]:

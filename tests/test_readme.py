@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 import typer
 
-from experiments.command_line import app
+from experiments.command_line import application
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted(
@@ -83,7 +83,7 @@ def run(command: list[str], folder: Path) -> None:
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_every_command_that_is_named_is_one(document: str) -> None:
     """In running text as in blocks: the command exists, and so do its options."""
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(application())
     text = (ROOT / document).read_text(encoding="utf-8")
     inline = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
     lines = [

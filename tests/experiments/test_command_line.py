@@ -3,6 +3,8 @@
 import json
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ import experiments.world
 import scenarios
 import sim_bridge
 from experiments import OcclusionProtocol, score
-from experiments.command_line import app
+from experiments.command_line import application
 from mdkf import MotionDynamics, Tracker
 from mdkf.tables import Detections, Trace, Tracks
 from sim_bridge import SeedRefused, read_table
@@ -48,13 +50,23 @@ def test_every_commands_help_shows_an_example(mdkf_command: Mdkf, command: str) 
 
 def test_these_are_all_the_commands() -> None:
     """A new command has to be added to the tests above."""
-    assert set(typer.main.get_command(app).commands) == set(COMMANDS)  # type: ignore[attr-defined]
+    assert set(typer.main.get_command(application()).commands) == set(COMMANDS)  # type: ignore[attr-defined]
+
+
+def test_a_command_does_not_wait_for_what_others_import() -> None:
+    """Workers import the command line too, and draw nothing."""
+    code = (
+        "import sys; from experiments.command_line import application; application('sweep');"
+        "print([name for name in ('matplotlib', 'optuna', 'rerun') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_example_is_a_valid_command(command: str) -> None:
     """Its options exist and its values are of their types."""
-    described = typer.main.get_command(app).commands[command]  # type: ignore[attr-defined]
+    described = typer.main.get_command(application()).commands[command]  # type: ignore[attr-defined]
     name, chosen, *arguments = shlex.split(described.epilog.removeprefix("Example: "))
     assert (name, chosen) == ("mdkf", command)
     described.make_context(command, arguments)

@@ -352,7 +352,7 @@ def test_without_rerun_the_user_is_told_what_to_install(
 def test_other_commands_do_not_load_rerun(tmp_path: Path) -> None:
     """Nor pyarrow, which brings a library that libsumo has too."""
     code = (
-        "import sys, experiments.command_line;"
+        "import sys; from experiments.command_line import application; application();"
         "print([name for name in ('rerun', 'pyarrow') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
