@@ -15,14 +15,18 @@ demo: clean
 	@sh .ci/system-libraries
 	$(BIN)/mdkf run --out out
 
+KERNELS = from experiments.warm_up import compile_sensing, compile_tracking; from mdkf import ESTIMATORS
+
 test: $(VENV)/bin/python
 	@echo 'installing mdkf with its tests into $(VENV)'
 	@$(INSTALL) -e '.[test]'
 	@sh .ci/system-libraries
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@echo 'compiling the kernels beside the type check: each of the processes of tests would compile all'
+	@$(BIN)/python -c '$(KERNELS); compile_tracking([*ESTIMATORS])' & \
+	  $(BIN)/mypy && $(BIN)/python -c '$(KERNELS); compile_sensing()' && wait $$!
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 $(VENV)/bin/python:
